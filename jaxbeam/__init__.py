@@ -40,7 +40,7 @@ import re
 import sys
 from typing import TYPE_CHECKING, Any
 
-# What became of names of this version that are others now; those that moved alone are found.
+# New names of objects that were renamed in this version; those that only moved are found without.
 _RENAMED = {
     "ExactRodANCF": "jaxbeam.PlanarRod",
     "SpatialANCF": "jaxbeam.SpatialRod",
@@ -104,8 +104,8 @@ if TYPE_CHECKING:
     from jaxbeam._vibration.southwell import southwell as southwell
     from jaxbeam._vibration.stiffening import stiffening_ratio as stiffening_ratio
 else:
-    # The table above is read, not run: what a script does not ask for is not imported. Half of what
-    # `import jaxbeam` would take is for solvers in time alone.
+    # The imports above are read as a table, and not run before they are needed: half of the time of
+    # `import jaxbeam` would be for solvers in time.
     _TABLE = re.findall(r"from (\S+) import (\w+) as", inspect.getsource(sys.modules[__name__]))
     _ROOMS = {name: room for room, name in _TABLE}
 

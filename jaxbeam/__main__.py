@@ -70,10 +70,11 @@ def main(argv: list[str] | None = None) -> int:
             print(f"programs are kept in {folder}", flush=True)
         tables = tomllib.loads(given.scene.read_text("utf-8-sig"))
         if isinstance(beam := tables.get("beam"), dict) and isinstance(beam.get("file"), str):
-            beam["file"] = str(given.scene.parent / beam["file"])  # it lies beside the scene
+            # The path is relative to the scene.
+            beam["file"] = str(given.scene.parent / beam["file"])
         out = given.out or Path(given.scene.stem)
         return 0 if run(read(tables), out, given.cores, given.chunk) else 1
-    except (ValueError, OSError, ImportError) as error:  # wrong with the file or the folder
+    except (ValueError, OSError, ImportError) as error:  # errors of the file or the folder
         where, said = getattr(error, "filename", None), getattr(error, "strerror", None)
         said = str(said or error).splitlines()[0]
         print(f"{where or given.scene}: {said}", file=sys.stderr)

@@ -45,7 +45,7 @@ def real_scalar(name: str, value: Any) -> Scalar:
 
 
 def plain(value: Any) -> Any:
-    """An integer of NumPy as one of Python, anything else as it is."""
+    """An integer of NumPy as one of Python; other values as they are."""
     return int(value) if isinstance(value, np.integer) else value
 
 
@@ -55,7 +55,7 @@ def numpy_if_concrete(value: Any) -> Any:
 
 
 def kind_of(value: Any) -> str:
-    """The words for the type of an argument in an error."""
+    """A phrase for the type of an argument, for errors."""
     return f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
 
 
@@ -75,7 +75,7 @@ def real_array(name: str, value: Any) -> Array:
 
 
 def concrete_array(name: str, value: Any) -> np.ndarray:
-    """The argument as numbers of NumPy, which must be known when a program is compiled."""
+    """The argument as an array of NumPy; raises for numbers that are traced."""
     array = _real(name, value)
     if not is_concrete(array):
         raise TypeError(f"{name} must be known when a program is compiled, got {value!r}")
@@ -108,7 +108,7 @@ def unmasked(name: str, value: Any) -> Any:
 
 
 def with_gaps(value: Any) -> Any:
-    """Numbers of which some may be missing: masked ones are NaN."""
+    """Numbers of which some may be missing, with NaN in the place of masked ones."""
     if isinstance(value, list | tuple):
         return [with_gaps(part) for part in value]
     if np.ma.isMaskedArray(value) and value.dtype.kind in "iuf":
@@ -120,7 +120,7 @@ def _real(name: str, value: Any) -> Any:
     value = unmasked(name, value)
     try:
         array = value if hasattr(value, "dtype") else np.asarray(value)
-    except (TypeError, ValueError):  # unequal lengths, or traced numbers in a list
+    except (TypeError, ValueError):  # raised for unequal lengths, or traced numbers in a list
         try:
             array = jnp.asarray(value)
         except (TypeError, ValueError) as error:
@@ -131,14 +131,14 @@ def _real(name: str, value: Any) -> Any:
 
 
 def is_there(given: Any) -> bool:
-    """Whether a list of numbers, which may be traced, has any."""
+    """Whether a list of numbers, which may be traced, is not empty."""
     return len(given) > 0 if isinstance(given, list | tuple) else np.size(given) > 0
 
 
 @contextlib.contextmanager
 def traceable(name: str) -> Iterator[None]:
-    """A block around a call of a user's function: it says that the function must be of JAX, where
-    it is not."""
+    """A block around a call of a user's function, in which errors of JAX say that the function must
+    be traceable."""
     try:
         yield
     except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError) as error:
@@ -150,9 +150,9 @@ def traceable(name: str) -> Iterator[None]:
 
 
 def is_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
-    """Whether numbers are finite and positive, or `zero`; with None they may have any sign. With
-    `most` their magnitudes are no larger."""
-    fine = jnp.isfinite(value) if most is None else jnp.abs(value) <= most  # NaN is not
+    """Whether numbers are finite and positive, with `zero` not negative, with None of any sign;
+    with `most` their magnitudes are at most that."""
+    fine = jnp.isfinite(value) if most is None else jnp.abs(value) <= most  # false for NaN
     return fine if zero is None else fine & ((value >= 0) if zero else (value > 0))
 
 
@@ -173,7 +173,8 @@ def require(status: Status, ok: bool, value: Any) -> None:
 def positive(name: str, value: Any) -> Scalar:
     value = real_scalar(name, value)
     if not is_concrete(value):
-        # NaN reaches every product that it enters, and with it the status: signs cannot cancel.
+        # NaN of a number that is not positive reaches all results, and with them the status; signs
+        # could cancel.
         return jnp.where(is_valid(value, False), value, jnp.nan)
     if not is_concrete_valid(value, False):
         raise ValueError(f"{name} must be finite and > 0, got {value}")

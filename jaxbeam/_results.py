@@ -19,7 +19,7 @@ Tree = TypeVar("Tree")
 
 
 def finish(result: Tree, throw: bool, *, noted: bool = False) -> Tree:
-    """The result of a public function, the last line of all that can fail.
+    """The result of a public function, or an error; the last call of all functions that can fail.
 
     With `throw` the result, or the exception that belongs to its `status` (of several the largest);
     `noted` adds the text of the result to that, where it says what is known nevertheless. Without
@@ -40,7 +40,7 @@ def finish(result: Tree, throw: bool, *, noted: bool = False) -> Tree:
 
 
 class InHertz:
-    """A result with a `frequency` in rad/s, which is told in Hz as well."""
+    """A result with a `frequency` in rad/s, given in Hz as well."""
 
     @property
     def frequency_hz(self) -> Any:
@@ -104,8 +104,8 @@ def _mapped(one: Callable[[list[Array]], Any], leaves: list[Array], axes: int) -
 
 
 def finite_rows(values: Float[Array, "k n"]) -> Bool[Array, " k"]:
-    """Whether all numbers of each row are finite: their sum is, scaled so that it cannot overflow.
-    To search them for one that is not takes a quarter of a second to compile."""
+    """Whether all numbers of each row are finite, by a scaled sum, which compiles much faster than
+    a search."""
     values = jax.lax.stop_gradient(values)
     return jnp.isfinite(jnp.sum(values * jnp.finfo(values.dtype).tiny, 1))
 
@@ -122,8 +122,8 @@ def nan_unless(valid: Bool[Array, "..."], values: Any) -> Any:
 
     def one(value: Array) -> Array:
         beside = valid.reshape(valid.shape + (1,) * (value.ndim - valid.ndim))
-        # 0 / 1 or 0 / 0: where all is valid there is no NaN at all, which `jax_debug_nans` and
-        # whoever looks for one would find among what reverse mode keeps.
+        # 0 / 1 where all is valid, else 0 / 0, since `jax_debug_nans` would find a constant NaN
+        # among what reverse mode keeps.
         hole = 0.0 / jnp.where(beside, 1.0, 0.0).astype(value.real.dtype)
         if jnp.iscomplexobj(value):
             hole = jax.lax.complex(hole, hole)
@@ -135,7 +135,7 @@ def nan_unless(valid: Bool[Array, "..."], values: Any) -> Any:
 @nan_unless.defjvp
 def _nan_unless_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
     valid, _ = primals
-    # Through the function itself: then second derivatives are NaN, too.
+    # The function itself is called, so that second derivatives are NaN, too.
     return nan_unless(*primals), nan_unless(valid, tangents[1])
 
 

@@ -20,12 +20,12 @@ from jaxbeam._types import is_concrete
 Result = TypeVar("Result")
 
 
-INPUT = True  # is to blame
+INPUT = True  # whether the input is wrong
 _SECTIONS = " at every station: look at the order of rows (see jaxbeam.blades.Blade)"
 _RADIANS = ", in rad (4 degrees are np.deg2rad(4.0))"
 
 
-@enum.unique  # a number that is taken would make one name of two
+@enum.unique  # a number used twice would make two names of one code
 class Status(enum.IntEnum):
     """Outcome of one case. Zero means that the numbers beside it may be used.
 
@@ -247,7 +247,7 @@ _ALLOWED[[status for status in Status if status.blames_input]] = False
 
 
 def in_range(status: Any) -> Any:
-    """Whether the numbers of a case were allowed, whatever became of it."""
+    """Whether all parameters of a case were in range, whatever its result."""
     return jnp.asarray(_ALLOWED)[status]
 
 
@@ -279,7 +279,7 @@ def first_broken(*rules: tuple[Any, Status]) -> Any:
 
 
 def raise_unless_ok(result: Result, status: Any) -> Result:
-    """`result`, or the exception that belongs to `status`; works inside `jit`.
+    """The `result`, or the exception that belongs to `status`; works inside `jit`.
 
     `ValueError` where a parameter is out of range, else `RuntimeError`. Inside a compiled program
     as a rule the latter, and it comes from the runtime of XLA: the sentence is its last line, and
@@ -288,10 +288,10 @@ def raise_unless_ok(result: Result, status: Any) -> Result:
     if is_concrete(status):
         _raise_unless_ok(status, short=_short_floats())
         return result
-    if os.environ.get("EQX_ON_ERROR", "raise") != "raise":  # NaN instead, say
+    if os.environ.get("EQX_ON_ERROR", "raise") != "raise":  # NaN, for example
         sentences = [_explained(status, _short_floats()) for status in sorted(Status)]
         return eqx.branched_error_if(result, status != Status.OK, status, sentences)
-    # Always true, but the compiler does not know.
+    # Always true, but not known to the compiler.
     passed = _passed.bind(status, short=_short_floats()) >= 0
     return jax.tree.map(
         lambda leaf: jnp.where(passed, leaf, jnp.zeros_like(leaf)) if eqx.is_array(leaf) else leaf,
@@ -302,18 +302,18 @@ def raise_unless_ok(result: Result, status: Any) -> Result:
 def said(error: Exception) -> str | None:
     """The sentence of a case that raised in a compiled program; None for any other error."""
     if isinstance(error, eqx.EquinoxRuntimeError):
-        # Equinox writes stacks around it, and keeps a single sentence for all threads, the last:
-        # the right one is in the exception behind.
+        # Equinox adds a stack to the sentence, and keeps only the last one of all threads: the
+        # right one is in the exception behind.
         found = re.search(_SENTENCE, str(error.__context__ or error), re.DOTALL)
         return found.group(1) if found else str(error).strip().split("\n")[0]
-    # Where JAX waits for a result it makes a ValueError of it, elsewhere a JaxRuntimeError.
+    # JAX raises ValueError where it waits for a result, elsewhere JaxRuntimeError.
     found = re.search(_SENTENCE, str(error), re.DOTALL)
     return found.group(1) if found else None
 
 
 @contextlib.contextmanager
 def unlogged() -> Iterator[None]:
-    """A block in which cases that raise stay out of the log, and what they say is collected."""
+    """A block in which errors of cases are collected, and not logged."""
 
     def none(_: logging.LogRecord) -> bool:
         return False
@@ -329,7 +329,7 @@ def unlogged() -> Iterator[None]:
 
 
 class CaseError(RuntimeError):
-    """An error on the way through XLA, which keeps its name and its sentence alone."""
+    """An error that passes through XLA, which keeps only its class name and sentence."""
 
 
 _SENTENCE = r"(?:EquinoxRuntimeError|CaseError): (.*?)(?:\n\n|$)"
@@ -345,8 +345,8 @@ def _short_floats() -> bool:
 
 
 def _explained(status: Status, short: bool) -> str:
-    """The sentence of a status; in 32-bit floats, which JAX has by default, with what they do to a
-    search or a run that failed."""
+    """The sentence of a status; with 32-bit floats, JAX's default, also with what these do to
+    searches and runs."""
     if not short or status == Status.OK or status.blames_input:
         return status.message
     return (

@@ -8,9 +8,9 @@ from jaxtyping import Array, Complex, Float, Int
 Scalar = Float[Array, ""]
 Real = float | Scalar  # what a user may give where a scalar is wanted
 Code = Int[Array, ""]
-Number = Float[Array, "*#lanes"]  # a scalar, in each lane or (of length 1) one for all
+Number = Float[Array, "*#lanes"]  # one number for each lane, or of length 1 for all lanes
 Matrix = Float[Array, "n n *#lanes"]
-Vector = Float[Array, "n *lanes"]  # one number a coordinate; lanes: see `kernel`
+Vector = Float[Array, "n *lanes"]  # one number for each coordinate, with lanes behind
 Vectors = Complex[Array, "k n"]
 Triple = Float[Array, "3 *lanes"]  # components along a1 (the beam), a2 (in plane), a3 (the axis)
 

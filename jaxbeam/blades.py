@@ -58,10 +58,11 @@ print(jb.modes(jb.SpatialRod(), jb.Rotor(blade, 1.0), 5.0, 3).frequency_hz)
 ```
 
 `read_blade` reads such blades from files of BeamDyn, HAWC2 (with FPM) and windIO, and `read_vabs`
-from sections of VABS; `write_beamdyn` and `write_hawc2` write them. `Blade.of(beam)` is the blade
-that a beam is, and `blade.beam()` the straight beam that is left for other models: how much that
-leaves out `reduction` says by the lowest frequencies. `section_stiffness` and `section_inertia`
-make matrices of EA, EI, GJ and GA, of centres of tension, shear and mass, and of principal axes:
+from sections of VABS; `write_beamdyn` and `write_hawc2` write them. `Blade.of(beam)` is the
+blade that a beam is, and `blade.beam()` the straight beam that is left for other models: how much
+that leaves out `reduction` says by the lowest frequencies. `section_stiffness` and
+`section_inertia` make matrices of EA, EI, GJ and GA, of centres of tension, shear and mass, and of
+principal axes:
 
 ```py
 box = jb.blades.section_stiffness(

@@ -119,7 +119,7 @@ def mode_shape(found: Modes, mode: Label, ax: Axes, points: int = 201, **style: 
         every = found.torsion(xi, tip=True)
     else:
         every = found.displacement(xi, tip=True)[..., mode.direction]
-    # Over what the tip does, so that the phase of the mode is gone.
+    # Over the motion of the tip, so that the phase of the mode drops out.
     shape = np.asarray(every[found.labels.index(mode)]).real
     ax.plot(xi, shape / np.abs(shape).max(), **style)  # type: ignore[arg-type]
 
@@ -186,7 +186,7 @@ def swept(table: Table, name: str, label: str) -> Figure:
 
 
 def _lines(table: Table, name: str, ax: Axes) -> int:
-    """Draw at most eight of all lines; returns how many there are."""
+    """Draw at most eight of all lines; the number of all is returned."""
     first, *rest = table.dims[name]
     value, status = table[name], table["status"]
     fine = (status == Status.OK).reshape(status.shape + (1,) * (value.ndim - status.ndim))
@@ -297,12 +297,12 @@ def _ribbons(run: Simulation, points: int = 41) -> tuple[np.ndarray, np.ndarray]
     rotor: Any = run.rotor
     xi, length = np.linspace(0, 1, points), float(rotor.beam.length)
     cone = 0.0 if rotor.precone is None else float(rotor.precone)
-    out = np.array([np.cos(cone), 0.0, np.sin(cone)])  # along the undeformed beam
+    out = np.array([np.cos(cone), 0.0, np.sin(cone)])  # unit vector along the undeformed beam
     there = np.isfinite(np.asarray(run.times))
     along = np.asarray(run.displacement(xi))[there] + length * xi[:, None] * out
     middle = along + np.array([float(rotor.hub_radius), 0.0, 0.0])
     a2 = np.array([0.0, 1.0, 0.0])
-    axes = np.stack([out, a2, np.cross(out, a2)])  # of the undeformed section
+    axes = np.stack([out, a2, np.cross(out, a2)])  # axes of the undeformed section
     t = np.gradient(along, xi, axis=1) @ axes.T
     t = t / np.linalg.norm(t, axis=2, keepdims=True)
     angles = np.asarray(run.torsion(xi))[there]
@@ -319,13 +319,13 @@ def _in_space(run: Simulation, times: np.ndarray, places: np.ndarray) -> np.ndar
 
 
 def _faces(ribbon: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Quadrilaterals (n, 4, 3) of each half of a ribbon, and how dense they are drawn."""
+    """Quadrilaterals (n, 4, 3) of each half of a ribbon, with opacities."""
     halves = ((ribbon[0], ribbon[1], 0.35), (ribbon[1], ribbon[2], 0.9))
     return [(np.stack([a[:-1], b[:-1], b[1:], a[1:]], 1), alpha) for a, b, alpha in halves]
 
 
 def _boxed(ax: Axes3D, places: np.ndarray, name: str, title: str) -> None:
-    """All that there is, the centre of the hub included, in one scale."""
+    """Scale the axes of a figure so that all places and the centre of the hub fit, in one scale."""
     every = np.concatenate([places.reshape(-1, 3), np.zeros((1, 3))])
     low, high = every.min(0), every.max(0)
     half = 0.55 * np.maximum(high - low, 0.2 * (high - low).max())

@@ -20,8 +20,8 @@ import equinox as eqx
 import jaxbeam as jb
 
 TABLES = ("model", "beam", "rotor", "motion", "loads", "damping")
-RPM = "_rpm"  # behind the name of a speed: it is in turns per minute
-_SPEEDS = ("angular_speed", "mean", "ratio_speed")  # of motions, rotation and damping
+RPM = "_rpm"  # suffix of keys for speeds in turns per minute
+_SPEEDS = ("angular_speed", "mean", "ratio_speed")  # names of angular speeds of motions and damping
 Numbers = Mapping[str, Any]
 Keys = dict[str, inspect.Parameter]
 
@@ -36,7 +36,7 @@ class Part(NamedTuple):
 
 @contextlib.contextmanager
 def blamed(table: str) -> Iterator[None]:
-    """A block whose errors are told with the table that the argument stands in."""
+    """A block whose errors name the table that the argument is in."""
     try:
         yield
     except (TypeError, ValueError) as error:
@@ -68,14 +68,13 @@ def _takes_lists(parameter: inspect.Parameter) -> bool:
 
 
 def keys_of(maker: Callable[..., Any]) -> Keys:
-    """Arguments that come from the maker's own table."""
+    """Names of arguments that come from the maker's own table."""
     every = inspect.signature(maker).parameters
     return {name: p for name, p in every.items() if name not in TABLES and name[0] != "_"}
 
 
 def in_radians(name: str, keys: Collection[str]) -> str:
-    """The name of the argument that a key stands for: of a speed in rpm that of the one in
-    rad/s."""
+    """The name of the argument that a key stands for: without the suffix of speeds in rpm."""
     base = name.removesuffix(RPM)
     last = base.rpartition(".")[2]
     return base if last in _SPEEDS and last in keys and base != name else name
@@ -93,7 +92,7 @@ def public(base: type) -> dict[str, type]:
 
 
 def class_of(table: str, name: Any, base: type) -> type:
-    """The public class of this name, of those that are made from numbers."""
+    """The public class of this name, if it derives from `base` and can be made of numbers."""
     kinds = public(base)
     offered = [
         name for name, kind in kinds.items()
@@ -154,14 +153,14 @@ def _all_keys(makers: list[Any]) -> set[str]:
 
 
 def _kinds(parameter: inspect.Parameter) -> list[type]:
-    """Classes whose arguments may be a table in the place of this argument."""
+    """Classes that can be made from a table in the place of this argument."""
     stated = typing.get_args(parameter.annotation) or (parameter.annotation,)
     bases = [each for each in stated if inspect.isclass(each) and issubclass(each, eqx.Module)]
     return [kind for base in bases for kind in public(base).values()]
 
 
 def _fitting(path: str, makers: list[Any], given: Collection[str], swept: Collection[str]) -> Any:
-    """The maker that fits the keys best, which must be complete."""
+    """The maker whose arguments fit the keys best; raises if some are missing."""
 
     def lacks(maker: Any) -> list[str]:
         required = [name for name, p in keys_of(maker).items() if p.default is p.empty]
@@ -178,7 +177,7 @@ def _fitting(path: str, makers: list[Any], given: Collection[str], swept: Collec
 
 
 def _known(path: str, key: str, value: Any, parameter: inspect.Parameter) -> Any:
-    """The value of an argument that is a number, a text, a truth or a list of these."""
+    """The value of an argument that is a number, a text, a bool or a list of these."""
     for kind, called in ((str, "a text in quotes"), (bool, "true or false")):
         if parameter.annotation is kind:
             if not isinstance(value, kind):

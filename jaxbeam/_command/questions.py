@@ -18,7 +18,7 @@ Labels = tuple[jb.models.Label, ...]
 
 
 def _counting(question: Callable[..., Any]) -> Callable[..., Any]:
-    """The question with its `**counts` of modes of each direction as arguments."""
+    """The question with its `**counts` of modes, by direction, as named arguments."""
     every = inspect.signature(question)
     kind = inspect.Parameter.KEYWORD_ONLY
     counts = [inspect.Parameter(n, kind, default=0, annotation=int) for n in Counts.__annotations__]

@@ -28,11 +28,12 @@ from jaxbeam._command.parts import (
 from jaxbeam._command.questions import QUESTIONS, Dims
 from jaxbeam._types import Real
 
-_NAMED = {"model": jb.models.AbstractModel, "motion": jb.motions.Motion}  # classes by name
+# Tables whose class is named, with the base of the class.
+_NAMED = {"model": jb.models.AbstractModel, "motion": jb.motions.Motion}
 
 
 class Job(NamedTuple):
-    """A question, the function of the swept numbers that answers it, and what it is swept over."""
+    """A question of a scene: the function of the swept numbers that answers it, and the axes."""
 
     question: str
     case: Callable[..., dict[str, Any]]
@@ -64,7 +65,7 @@ def read(tables: Mapping[str, Any]) -> Job:
     scene.check_swept(axes)
     first = _in_radians(scene.keys, dict.fromkeys(axes, 1.0))
     for table in scene.parts.keys() - {question}:
-        scene.made(table, first)  # so that other numbers than these are checked
+        scene.made(table, first)  # so that numbers besides these are checked
     with blamed("sweep"):
         jb.grid(**axes) if axes else None
     with blamed(question):
@@ -74,7 +75,7 @@ def read(tables: Mapping[str, Any]) -> Job:
 
 
 class _Scene:
-    """Parts of a scene that have been gathered so far, and the tables that they came from."""
+    """The parts of a scene that have been gathered so far, with their tables."""
 
     def __init__(self, tables: dict[str, dict[str, Any]], axes: Collection[str]) -> None:
         self.tables, self.axes = tables, axes
@@ -92,10 +93,11 @@ class _Scene:
         return found
 
     def gather(self, table: str) -> None:
-        """Prepare the part of a table, and before it those that it needs."""
+        """Prepare the part that a table describes, after those that it needs."""
         given = self.tables.setdefault(table, {})
         makers = self._makers(table, given)
-        every = inspect.signature(makers[0]).parameters  # of beams, which have several, nothing
+        # Beams have several makers, of which none is inspected.
+        every = inspect.signature(makers[0]).parameters
         self.needs[table] = [
             name for name, p in every.items()
             if name in TABLES and (p.default is p.empty or name in self.tables)
@@ -133,11 +135,11 @@ class _Scene:
 
     def kept_by(self) -> Any:
         """The tables and axes that tell this scene from others; None where a file is read, which
-        may be another one next time."""
+        may change."""
         return None if "file" in self.tables.get("beam", {}) else (self.tables, list(self.axes))
 
     def check_swept(self, axes: Collection[str]) -> None:
-        """Raise unless each axis names one number."""
+        """Raise `ValueError` unless each axis names exactly one number."""
         numbers = self.keys
         paths = {f"{path}.{name}" for name, those in numbers.items() for path in those}
         meant: dict[str, str] = {}
@@ -158,12 +160,12 @@ _CLASSES = {("model", "name"), ("motion", "name")}
 
 
 def _answer(make: Callable[[Numbers], Any], _: Any, **numbers: Any) -> Any:
-    """The answer of one case; the tables are there for the index of the folder."""
+    """The answer of one case; tables are an argument for the identity of a folder."""
     return make(numbers)
 
 
 def _in_radians(keys: Collection[str], numbers: Numbers) -> Numbers:
-    """Swept numbers with speeds in rad/s."""
+    """Swept numbers by name of the argument, with speeds in rad/s."""
     names = {name: in_radians(name, keys) for name in numbers}
     return {
         base: numbers[name] if base == name else jb.rpm(numbers[name])
@@ -215,7 +217,7 @@ def read_blade(
         return table
     if isinstance(table.beam, jb.Beam):
         raise ValueError(f"reduced is for files of full sections, which {file} is not")
-    with jax.ensure_compile_time_eval():  # it is made while a program is
+    with jax.ensure_compile_time_eval():  # concrete, also within a function that is traced
         return table._replace(beam=table.beam.beam())
 
 
@@ -226,4 +228,4 @@ def _speed_in(beam: Any) -> dict[str, float]:
     return {} if speed is None else {"angular_speed": speed}
 
 
-_note = functools.cache(lambda text: text and print(text, file=sys.stderr))  # once, not every time
+_note = functools.cache(lambda text: text and print(text, file=sys.stderr))  # printed once

@@ -25,9 +25,9 @@ from jaxbeam._files.texts import FilePath, entries, is_number, mistake, number_i
 from jaxbeam._types import Real
 
 _KEYS = "kp_xr", "kp_yr", "kp_zr", "initial_twist"
-ORDER = [2, 1, 0, 5, 4, 3]  # sixes of a `Blade` among those of the file, but for signs
+ORDER = [2, 1, 0, 5, 4, 3]  # order of the six components of a `Blade` in the file, without signs
 _MODAL = ("zeta is ignored: it is damping of modes, not of the blade.",)
-_END = 1e-6  # how far from 1 the last station may be
+_END = 1e-6  # distance of the last station from 1 that is allowed
 
 
 def read_beamdyn(path: FilePath, *, length: Real | None = None) -> BladeTable:
@@ -114,7 +114,7 @@ def _axis(path: Path, lines: Sequence[str], said: NamedValues) -> Axis:
 
 
 def _sections(path: Path, lines: Sequence[str], said: NamedValues, axis: Axis) -> BladeTable:
-    """The blade of a blade file along an axis."""
+    """The blade with the sections of a blade file, about an axis."""
     total = said["station_total"][0]
     count = count_of(path, total.line, "station_total", total.text)
     if count < 2:
@@ -151,7 +151,7 @@ def _sections(path: Path, lines: Sequence[str], said: NamedValues, axis: Axis) -
 
 
 def _next(path: Path, lines: Sequence[str], at: int, width: int, what: str) -> tuple[Row, int]:
-    """The next line that is not empty, with `width` numbers, and the place behind it."""
+    """The next line that is not empty, as `width` numbers, and the index of the line after it."""
     while at < len(lines) and not lines[at].strip():
         at += 1
     cells = entries(lines[at]) if at < len(lines) else []
@@ -163,7 +163,7 @@ def _next(path: Path, lines: Sequence[str], at: int, width: int, what: str) -> t
 
 
 def _damping(path: Path, lines: Sequence[str], said: NamedValues) -> tuple[float, ...] | None:
-    """Coefficients mu in the order of sixes of a `Blade`, or None."""
+    """Coefficients mu in the order of components of a `Blade`; None without damping."""
     if number(path, said, "damp_type", True) != 1:
         return None
     head = next((i for i, line in enumerate(lines) if line.split()[:1] == ["mu1"]), None)

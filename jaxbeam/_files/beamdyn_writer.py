@@ -22,7 +22,7 @@ _CONTROL = (
     ("DEFAULT", "tngt_stf_fd"), ("DEFAULT", "tngt_stf_comp"), ("DEFAULT", "tngt_stf_pert"),
     ("DEFAULT", "tngt_stf_difftol"), ("True", "RotStates"),
 )  # fmt: skip
-_ORDER = 10  # of the elements of BeamDyn
+_ORDER = 10  # order of BeamDyn's elements
 _AFTER = (
     ("False", "UsePitchAct"), ("0.0", "PitchJ"), ("0.0", "PitchK"), ("0.0", "PitchC"),
 )  # fmt: skip
@@ -30,7 +30,8 @@ _OUTPUTS = (("False", "SumPrint"), ('"ES15.6E3"', "OutFmt"), ("0", "NNodeOuts"),
 
 
 def known_blade(blade: Blade, form: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Numbers of a blade that a file can have: points of the axis, twist, stiffness, inertia."""
+    """Concrete numbers of a blade that a file can hold: points of the axis, twist, stiffness,
+    inertia."""
     check_kind("blade", blade, Blade)
     if not is_concrete(blade):
         raise TypeError("blade must be known: write the file outside of jax.jit, vmap and grad")
@@ -131,5 +132,5 @@ def _line(value: object, name: str) -> str:
 
 
 def numbers_of(rows: np.ndarray) -> list[str]:
-    """Rows with all digits, and no negative zeros."""
+    """Rows of numbers as text with all digits, and without negative zeros."""
     return [" ".join(f"{value:.17g}" for value in row) for row in rows + 0.0]

@@ -88,7 +88,7 @@ def read_blade(
 
 
 def _format_of(path: Path) -> BladeFormat:
-    """The format of a file by what is in it; of what is like none of them a table."""
+    """The format of a file by its contents; a table if it is like no other."""
     lines = read_lines(path)
     if count_named(path, lines) >= 2:
         return BladeFormat.CSV

@@ -47,8 +47,8 @@ _FACTORS = {
     "flp_stff_mult": FLAP, "edge_stff_mult": IN_PLANE, "tor_stff_mult": TORSION,
     "axial_stff_mult": AXIAL,
 }  # fmt: skip
-# What is in which line of a main file of version 3.00; 1.03 has no cm_axial. Lines of free text
-# are "-". Before a value, but not before free text, empty lines are passed over.
+# Names of values by line of a main file of version 3.00; 1.03 has no cm_axial. Lines of free text
+# are "-". Empty lines are skipped before a value, but not before free text.
 _LINES = """
 - - - - Echo beam_type rot_rpm rpm_mult radius hub_rad precone bl_thp hub_conn modepr
 TabDelim mid_node_tw - - tip_mass cm_loc cm_axial ixx_tip iyy_tip izz_tip ixy_tip izx_tip iyz_tip
@@ -57,7 +57,7 @@ tor_stff_mult axial_stff_mult cg_offst_mult sc_offst_mult tc_offst_mult
 """.split()  # noqa: SIM905
 _ALSO = {"romg": "rot_rpm", "romg_mult": "rpm_mult", "rroot": "hub_rad", "btp": "precone"}
 _TRUTHS = ("Echo", "TabDelim", "mid_node_tw")
-_FREE = 2  # lines of free text that every main file begins with
+_FREE = 2  # number of lines of free text at the beginning of a main file
 
 
 def read_bmodes(
@@ -103,7 +103,8 @@ def read_bmodes(
     table = _sections(sections, rows, radius - hub, axial_stiffness, factors)
     left = [values[0] for name, values in said.items() if name in REASONS]
     return ignoring_too(table, left)._replace(
-        hub_radius=hub * math.cos(math.radians(cone)),  # from the axis, not along the blade
+        # Measured from the axis, not along the blade.
+        hub_radius=hub * math.cos(math.radians(cone)),
         tip_mass=tip_mass,
         pitch=pitch * DEGREES if pitch else None,
         angular_speed=rpm * multiple * math.pi / 30,
@@ -113,7 +114,7 @@ def read_bmodes(
 
 
 def _body(path: Path, said: NamedValues, mass: float) -> TipBody | None:
-    """The body that a main file makes of the tip mass; None for a point."""
+    """The body that a main file makes of the tip mass; None for a point mass."""
     lag, flap, axial = (
         number(path, said, name, True) if name in said else 0.0
         for name in ("ixx_tip", "iyy_tip", "izz_tip")
@@ -125,13 +126,13 @@ def _body(path: Path, said: NamedValues, mass: float) -> TipBody | None:
 
 
 def is_main_file(lines: Sequence[str]) -> bool:
-    """Whether these are lines of a main file, by names of values or by their order."""
+    """Whether lines are those of a main file, by names of values or by their order."""
     expected = {name.lower() for name in _LINES} & named(lines, _FREE, None).keys()
     return "sec_props_file" in expected or len(expected) > 4 or _by_line(lines) is not None
 
 
 def is_section_file(lines: Sequence[str]) -> bool:
-    """Whether these are lines of a section file: after a title n_secs, by name or before rows of
+    """Whether lines are those of a section file: after a title n_secs, by name or before rows of
     thirteen numbers."""
     count = next((line for line in lines[1:] if line.strip()), "")
     rows = (line for line in lines if _is_row(line) and len(entries(line)) >= len(_SECTION))
@@ -140,8 +141,8 @@ def is_section_file(lines: Sequence[str]) -> bool:
 
 
 def _said(lines: Sequence[str]) -> NamedValues:
-    """The values of a main file, by line or else by name; names of older versions are those of
-    newer ones."""
+    """The values of a main file by name, found by line or else by name; names of older versions
+    become those of newer ones."""
     if said := _by_line(lines):
         return said
     by_name: NamedValues = {}
@@ -151,8 +152,8 @@ def _said(lines: Sequence[str]) -> NamedValues:
 
 
 def _by_line(lines: Sequence[str]) -> NamedValues | None:
-    """The values of a main file by their lines, if all lines are there: BModes itself knows no
-    names."""
+    """The values of a main file by their lines, if all lines are there: BModes itself reads them
+    without names."""
     for names in (_LINES, [name for name in _LINES if name != "cm_axial"]):
         said: NamedValues = {}
         at = 0
@@ -173,8 +174,7 @@ def _by_line(lines: Sequence[str]) -> NamedValues | None:
 
 
 def _expected(name: str, number: int, line: str) -> Value | None:
-    """The value of a line if that can be the one of this name: it must not be called by another
-    name."""
+    """The value of a line for a name, if the line does not bear another name."""
     text = value_in(line)
     called = [_ALSO.get(other, other) for other in named([line], 0, None)]
     expected = {other.lower() for other in _LINES}
@@ -188,7 +188,7 @@ def _expected(name: str, number: int, line: str) -> Value | None:
 
 
 def _beside(path: Path, value: Value) -> tuple[Path, list[str]]:
-    """The section file that a main file names, and its lines."""
+    """The path of the section file that a main file names, and its lines."""
     sections = path.parent / value.text.replace("\\", "/")
     try:
         return sections, read_lines(sections)
@@ -205,7 +205,7 @@ def _sections(
     axial_stiffness: Real | AbstractSpanwise | None,
     factors: dict[str, float],
 ) -> BladeTable:
-    """The blade of a section file, its properties times factors."""
+    """The blade of a section file, with properties times factors."""
     first = next((i for i in range(1, len(lines)) if lines[i].strip()), None)
     if first is None or not is_section_file(lines):
         refuse_other(path, lines, BladeFormat.BMODES)

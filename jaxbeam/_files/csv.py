@@ -24,14 +24,14 @@ from jaxbeam._files.texts import FilePath, mistake, read_lines
 from jaxbeam._rotor.spanwise import AbstractSpanwise
 from jaxbeam._types import Real
 
-# Words that units are made of, beside those that are taken: what follows a name is its unit if all
-# of it are such, and else part of another name, as in x_cg_m.
+# Words that units are made of, besides those of `UNITS`. What follows a name is its unit if it
+# consists of such words, else a part of another name, as in x_cg_m.
 _UNIT_WORD = re.compile(
     r"per|deg\w*|rad\w*|grad|gon|turns?|rev|ft|in|inch(es)?|yd|lb[fm]?s?|klbf?|kips?|slugs?|psi|ksi"
     r"|([kMG]?(N|Pa|lbf?|kg|m|cm|mm|ft|in)\d?)+",
     re.IGNORECASE,
 )
-# Commas, and blanks that do not break, which part thousands in numbers.
+# Numbers with commas or non-breaking blanks between thousands.
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 _GROUPED = re.compile("(?<=\\d)[\u00a0\u202f](?=\\d{3})")
 
@@ -74,11 +74,12 @@ def read_csv(
 
 
 def _records(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
-    """Lines that are not empty, by entries, each as long as the titles if only blanks are more; and
-    the separator of entries."""
+    """Entries of lines that are not empty, cut to the number of titles where only blanks follow;
+    and the separator of entries."""
     lines = [re.sub("[\u200b\ufeff\0]", "", line) for line in lines]
     lines = ["" if line.lstrip().startswith("#") else line for line in lines]
-    declared = re.fullmatch(r"\s*sep=([,;\t])\s*", lines[0], re.IGNORECASE)  # as for Excel
+    # The line by which files tell Excel their separator.
+    declared = re.fullmatch(r"\s*sep=([,;\t])\s*", lines[0], re.IGNORECASE)
     if declared:
         lines[0] = ""
     head = next((line for line in lines if line.strip()), "")
@@ -112,8 +113,8 @@ def _parsed(lines: Sequence[str], by: str) -> Iterator[Row]:
 def _with_points(
     path: Path, rows: Sequence[Row], columns: Mapping[str, Column], by: str
 ) -> list[Row]:
-    """Rows whose numbers have decimal points where they had commas. Where entries are parted `by`
-    commas, too, and all in numbers could be of thousands, nobody knows what they are."""
+    """Rows with decimal points in the place of decimal commas. Raises where entries are separated
+    `by` commas, too, and commas in all numbers could separate thousands."""
     numbers = [(column.title, column.number) for column in columns.values()]
     found = [
         (line, title, cells[i])
@@ -137,7 +138,7 @@ def _with_points(
 
 
 def count_named(path: Path, lines: Sequence[str]) -> int:
-    """The number of columns with names that are known, if these are the lines of a table."""
+    """The number of columns with known names, if lines are those of a table."""
     try:
         ((_, titles), *_), _ = _records(path, lines)
     except ValueError:
@@ -146,7 +147,7 @@ def count_named(path: Path, lines: Sequence[str]) -> int:
 
 
 def _parted(title: str) -> tuple[str, str]:
-    """Name, as in `NAMES` if it is one, and unit of a column."""
+    """Name of a column, as in `NAMES` if it is known, and its unit."""
     bracketed = re.fullmatch(r"([^\[(]*)[\[(](.*)[\])]", title)
     said, unit = bracketed.groups() if bracketed else (title, "")
     said = re.sub(r"[\s_-]+", "_", said.strip())

@@ -78,7 +78,7 @@ def head_of_stations(lines: Sequence[str]) -> int | None:
 
 
 def _free(lines: Sequence[str]) -> int:
-    """The number of lines of free text: two are titles of the file, in FAST 7 three."""
+    """The number of lines of free text that are titles of the file: two, in FAST 7 three."""
     return 3 if lines[1:2] and lines[1].lstrip().startswith("--") else 2
 
 

@@ -13,10 +13,11 @@ from jaxbeam._rotor.beam import Beam
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise
 from jaxbeam._types import is_concrete
 
-_STEP = 1e-9  # of x / L, between two stations that are equal in the beam: theirs must increase
-_MORE = np.linspace(0.0, 1.0, 51)  # stations of what is not linear between its own
+_STEP = 1e-9  # distance, over L, of two stations of the file that are one step of a beam
+# More stations, for properties that are not linear between stations
+_MORE = np.linspace(0.0, 1.0, 51)
 _TUNING = [("FlStTunr(1)", 1), ("FlStTunr(2)", 1), ("AdjBlMs", 1), ("AdjFlSt", 1), ("AdjEdSt", 1)]
-_PITCH_AXIS = 0.25  # which concerns the aerodynamics alone
+_PITCH_AXIS = 0.25  # needed by aerodynamics alone
 
 
 def write_elastodyn(
@@ -100,13 +101,13 @@ def _coefficients(name: str, row: Any) -> np.ndarray:
         raise ValueError(
             f"{name} must be five coefficients, of xi^2 to xi^6, got shape {values.shape}"
         )
-    if not abs(values.sum() - 1) <= 0.0015:  # NaN is not
+    if not abs(values.sum() - 1) <= 0.0015:  # true for NaN
         raise ValueError(f"{name} must sum to one, got {values.sum():g}")
     return values
 
 
 def _rows(beam: Beam) -> np.ndarray:
-    """Rows of the table of stations, which increase."""
+    """Rows of the table of stations, whose places increase."""
     if beam.point_masses is not None:
         raise ValueError(
             "point_masses: a blade file of ElastoDyn has none; leave them out, or spread them over "
@@ -125,14 +126,15 @@ def _rows(beam: Beam) -> np.ndarray:
         np.stack([_values(p, at, side) for p in given], -1) for at, side in ((first, -1), (last, 1))
     )
     jumps = ~np.isclose(before, behind, rtol=_STEP, atol=0).all(1)
-    end = np.where(last == 1, 1.0, first + _STEP * jumps)  # a step up to the tip ends there
+    end = np.where(last == 1, 1.0, first + _STEP * jumps)  # a step next to the tip ends at the tip
     table = np.concatenate([np.c_[end - _STEP, before][jumps], np.c_[end, behind]])
     at, twist, *others = table[np.argsort(table[:, 0])].T
     return np.stack([at, np.full(at.size, _PITCH_AXIS), twist / DEGREES, *others], -1)
 
 
 def _merged(places: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """First and last of places so near to each other that no two stations fit between them."""
+    """First and last of groups of places so near to each other that no two stations fit between
+    them."""
     groups: list[list[float]] = []
     for x in places:
         if groups and x - groups[-1][0] <= 2 * _STEP:
@@ -149,7 +151,7 @@ def _stations(value: Any) -> Any:
 
 
 def _values(value: Any, at: np.ndarray, side: int) -> np.ndarray:
-    """Values of a property at places, or just before (-1) or behind (1) a jump there."""
+    """Values of a property at places, or just before (side -1) or after (1) a jump there."""
     if isinstance(value, Spanwise):
         places, values = np.asarray(value.stations), np.asarray(value.values)
         first = np.searchsorted(places, at, side="left")
@@ -158,6 +160,6 @@ def _values(value: Any, at: np.ndarray, side: int) -> np.ndarray:
         between = np.interp(at, places, values)
         return np.where(first <= last, values[np.clip(own, 0, places.size - 1)], between)
     if isinstance(value, AbstractSpanwise):
-        beside = np.clip(at + 1e-12 * side, 0.0, 1.0)  # at a kink it has no value
+        beside = np.clip(at + 1e-12 * side, 0.0, 1.0)  # a property has no value at a kink
         return np.asarray(value.at(beside))
     return np.full(at.size, float(value))

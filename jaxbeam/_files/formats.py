@@ -12,7 +12,7 @@ READ = (
 )
 
 
-_NAME = r"^[^#\n]*(?<!\S)(?:{})(?!\w)"  # a word of a line
+_NAME = r"^[^#\n]*(?<!\S)(?:{})(?!\w)"  # pattern of a word of a line outside of comments
 
 
 class BladeFormat(enum.Enum):
@@ -111,7 +111,8 @@ class BladeFormat(enum.Enum):
 
 
 class Signature(NamedTuple):
-    """A kind of file: what it is called, its format if it is read, and texts that are all in it."""
+    """A kind of file: its title, its format if it can be read, and patterns of texts that are all
+    in it."""
 
     title: str
     format: BladeFormat | None
@@ -121,7 +122,8 @@ class Signature(NamedTuple):
     def of(
         cls, title: str, *texts: str, words: str = "", format: BladeFormat | None = None
     ) -> Self:
-        """A kind by words, which are alone in lines or behind a value, and by texts as they are."""
+        """A kind of file with `words`, which stand alone in lines or behind a value, and other
+        texts."""
         every = [*texts, *map(_NAME.format, words.split())]
         return cls(title, format, tuple(re.compile(text, re.M | re.I) for text in every))
 
@@ -159,7 +161,7 @@ SIGNATURES = (
 
 
 def signature_of(lines: Sequence[str]) -> Signature | None:
-    """The kind of a file, if it is one of those that are known by name."""
+    """The kind of a file with these lines; None for unknown ones."""
     text = "\n".join(lines)
     for each in SIGNATURES:
         if all(re.search(part, text) for part in each.texts):
@@ -168,7 +170,7 @@ def signature_of(lines: Sequence[str]) -> Signature | None:
 
 
 def refuse_other(path: Path, lines: Sequence[str], format: BladeFormat) -> None:
-    """Raise where a file is of another format than the one that is read."""
+    """Raise `ValueError` where a file is of another format than the one that is asked for."""
     found = signature_of(lines)
     if found is None or found.format == format:
         return

@@ -38,15 +38,17 @@ COLUMNS = """
 r m x_cg y_cg ri_x ri_y pitch x_e y_e K11 K12 K13 K14 K15 K16 K22 K23 K24 K25 K26 K33 K34 K35 K36
 K44 K45 K46 K55 K56 K66
 """.split()  # noqa: SIM905
-_SIGNS = {"m": False, "ri_x": True, "ri_y": True}  # which must be positive, or may be zero, too
-_ISOTROPIC = 19  # columns without FPM
+# Properties that must be positive (False) or may be zero, too (True).
+_SIGNS = {"m": False, "ri_x": True, "ri_y": True}
+_ISOTROPIC = 19  # number of columns of a file without FPM
 _BODY = "blade1"
-_APART = 0.01  # of moments of inertia, from which on two readings of radii are told
-_UPWARDS = 3  # folders above that of an htc file in which names of files may begin
+# Relative difference of moments of inertia by which two meanings of radii are told apart.
+_APART = 0.01
+_UPWARDS = 3  # number of folders above that of an htc file that names of files may be relative to
 
 
 class _MainBody(NamedTuple):
-    """A main body: words of its lines behind their names, with the numbers of these lines."""
+    """A main body of an htc file: words of its lines after their names, with line numbers."""
 
     name: str
     said: dict[str, tuple[int, list[str]]]
@@ -133,32 +135,33 @@ def read_hawc2(
 
 
 def twist_of(slope: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """The twist of a `Blade` whose sections have their second axis at angles from a2 to a3 as they
-    are seen along the blade."""
+    """The twist of a `Blade` whose sections have their second axis at these angles, from a2 to a3,
+    when seen along the blade."""
     own, across = _across(slope)
     seen = np.stack([0 * angle, np.cos(angle), np.sin(angle)], 1)
-    seen[:, 0] = -np.sum(seen * slope, 1) / slope[:, 0]  # it stands across the axis
+    # The component along the blade, so that the axis is across.
+    seen[:, 0] = -np.sum(seen * slope, 1) / slope[:, 0]
     twist = np.arctan2(np.sum(seen * across, 1), np.sum(seen * own, 1))
     return _near(twist, angle)
 
 
 def angle_of(slope: np.ndarray, twist: np.ndarray) -> np.ndarray:
-    """The angle at which the second axis is seen along the blade, of twist."""
+    """The angle at which the second axis of sections is seen along the blade, from the twist."""
     own, across = _across(slope)
     second = np.cos(twist)[:, None] * own + np.sin(twist)[:, None] * across
     return _near(np.arctan2(second[:, 2], second[:, 1]), twist)
 
 
 def _across(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Second and third axis of sections without twist."""
-    with jax.ensure_compile_time_eval():  # files are read while programs are made, too
+    """Second and third axis of sections without twist, from the derivative of the axis."""
+    with jax.ensure_compile_time_eval():  # concrete, also within a function that is traced
         axes = np.asarray(frames(jnp.asarray(slope), jnp.zeros(len(slope))))
     _, own, across = np.moveaxis(axes, 2, 0)
     return own, across
 
 
 def _near(angle: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Angles shifted by whole turns to within half a turn of others."""
+    """Angles changed by whole turns to be within half a turn of others."""
     near: np.ndarray = other + np.mod(angle - other + np.pi, 2 * np.pi) - np.pi
     return near
 
@@ -223,10 +226,10 @@ def _axis(path: Path, body: _MainBody) -> Axis:
 
 
 def _warn_of_side(path: Path, table: np.ndarray) -> None:
-    """Warn where the line of half chords seems to be on the other side.
+    """Warn where the line of half chords seems to be on the wrong side of the pitch axis.
 
-    Off the axis of pitch by x along a chord that is turned by the twist a half chord is off by x
-    tan(twist) in y; what is smooth besides is prebend.
+    Where the chord is turned by the twist, a half chord that is x off the pitch axis along the
+    chord is x tan(twist) off it in y. Smooth offsets besides are prebend.
     """
     x, y, z, twist = table.T
     along = x * np.tan(np.deg2rad(twist))
@@ -257,7 +260,7 @@ def _set(path: Path, body: _MainBody) -> tuple[int, int]:
 
 
 def _sections_beside(path: Path, body: _MainBody) -> tuple[Path, list[str]]:
-    """The st file that a main body names, and its lines."""
+    """The path of the st file that a main body names, and its lines."""
     if "filename" not in body.said:
         raise ValueError(f"{path}: main body {body.name} has no filename of its sections")
     line, words = body.said["filename"]

@@ -11,8 +11,9 @@ from jaxbeam._files.texts import FilePath
 from jaxbeam._rotor.blade import Blade
 from jaxbeam._rotor.sections import SIXES
 
-_SAME = 1e-9  # of moments of inertia: what a file of HAWC2 has no number for
-_ROUND = 1e-9  # moments of inertia that are as near have any axes
+# Relative size of entries that a file of HAWC2 cannot hold, up to which they count as zero.
+_SAME = 1e-9
+_ROUND = 1e-9  # relative difference of moments of inertia up to which principal axes are arbitrary
 
 
 def write_hawc2(path: FilePath, blade: Blade, *, title: str = "written by jaxbeam") -> None:
@@ -71,7 +72,7 @@ def write_hawc2(path: FilePath, blade: Blade, *, title: str = "written by jaxbea
 
 
 def _rows(stiffness: Sixes, inertia: Sixes) -> np.ndarray:
-    """Columns of the st file behind r, of matrices in its axes about the reference axis."""
+    """Columns of the st file after r, from matrices in its axes about the reference axis."""
     mass = inertia[:, 0, 0]
     gravity = np.stack([inertia[:, 1, 5], -inertia[:, 0, 5]], 1) / mass[:, None]
     elastic = tension_centre(stiffness)
@@ -92,7 +93,7 @@ def _rows(stiffness: Sixes, inertia: Sixes) -> np.ndarray:
 
 
 def _pitch(moments: np.ndarray) -> np.ndarray:
-    """Angles of axes without products of inertia (n, 2, 2), each near to the one before."""
+    """Angles of principal axes of moments of inertia (n, 2, 2), each near to the one before."""
     found = [0.0]
     for own in moments:
         apart = own[0, 0] - own[1, 1], 2 * own[0, 1]
@@ -105,10 +106,11 @@ def _pitch(moments: np.ndarray) -> np.ndarray:
 
 
 def _check_plane(inertia: Sixes, own: Sixes, mass: np.ndarray, gravity: np.ndarray) -> None:
-    """Raise where an inertia is not that of a mass, its centre, and two radii of gyration."""
+    """Raise `ValueError` where an inertia is not that of a mass, its centre and two radii of
+    gyration."""
     size = own[:, 5, 5]
     plain = shift(*gravity.T)[:, :3]
-    plain = mass[:, None, None] * plain  # rows of momentum
+    plain = mass[:, None, None] * plain  # these rows are momenta per mass
     scale = np.stack([mass] * 3 + [np.sqrt(mass * size)] * 3, 1)
     wrong = np.max(np.abs(inertia[:, :3] - plain) / scale[:, None], axis=(1, 2)) > _SAME
     wrong |= np.abs(own[:, 5, 5] - own[:, 3, 3] - own[:, 4, 4]) > _SAME * size

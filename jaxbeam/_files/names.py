@@ -23,7 +23,7 @@ from jaxbeam._files.tables import (
 
 
 def _bending(*words: str) -> str:
-    """Names of the stiffness of bending in a direction that these words stand for."""
+    """Names of the bending stiffness in a direction that these words stand for."""
     made = ("{}_stiffness", "{}_bending_stiffness", "{}_rigidity", "ei_{}", "ei{}", "{}_ei")
     return "".join(f"{each.format(word)} " for word in words for each in made)
 
@@ -41,7 +41,8 @@ _SYNONYMS: Mapping[str, str] = {
     POLARS[0]: "flap_inertia flapwise_inertia flpiner flp_iner",
     POLARS[1]: "edge_inertia edgewise_inertia lag_inertia edginer edge_iner",
 }
-NAMES: Mapping[str, tuple[str, Mapping[str, float]]] = {  # the property, and its units
+# From name of a column to property and units.
+NAMES: Mapping[str, tuple[str, Mapping[str, float]]] = {
     name: (meaning, UNITS[meaning])
     for meaning, names in _SYNONYMS.items()
     for name in names.split()
@@ -49,5 +50,5 @@ NAMES: Mapping[str, tuple[str, Mapping[str, float]]] = {  # the property, and it
 
 
 def meanings(names: str, factors: Mapping[str, float]) -> dict[str, tuple[str, float]]:
-    """The meanings of a format's own names, with factors of properties."""
+    """Properties and factors by the names of a format."""
     return {name: (NAMES[name][0], factors.get(NAMES[name][0], 1.0)) for name in names.split()}

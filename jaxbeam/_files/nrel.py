@@ -38,25 +38,25 @@ REASONS = {
     }.items()
     for name in names.split()
 }
-Meanings = Mapping[str, tuple[str, float]]  # by title in small letters: the property, its factor
+Meanings = Mapping[str, tuple[str, float]]  # from title in lower case to property and factor
 _VALUE = re.compile(
     r"\s*('[^']*'|\"[^\"]*\"|[^\s,]+)(?:\s*[,/!]|\s)[\s:-]*([A-Za-z]\w*(?:\(\d+\))?)"
 )
 
 
 class Value(NamedTuple):
-    """A value in a line, and the name that is behind it."""
+    """A value of a line, and the name after it."""
 
     line: int
     name: str
     text: str
 
 
-NamedValues = dict[str, list[Value]]  # by name in small letters
+NamedValues = dict[str, list[Value]]  # values by name in lower case
 
 
 class Head(NamedTuple):
-    """Titles of columns, and their units, which may be empty, with the numbers of their lines."""
+    """Titles of columns and their units, which may be empty, with their line numbers."""
 
     line: int
     titles: Sequence[str]
@@ -65,7 +65,7 @@ class Head(NamedTuple):
 
 
 def value_in(line: str) -> str:
-    """The first entry of a line, a text without its quotes."""
+    """The first entry of a line; of a text in quotes the text."""
     found = _VALUE.match(f"{line} end")
     text = found[1] if found else ""
     return (entries(text) or [""])[0]
@@ -83,7 +83,7 @@ def named(lines: Sequence[str], start: int, stop: int | None) -> NamedValues:
 
 
 def require(path: Path, said: NamedValues, names: Sequence[str]) -> None:
-    """Raise unless each of these names is there, once."""
+    """Raise `ValueError` unless each of these names is there exactly once."""
     missing = [name for name in names if name.lower() not in said]
     if missing:
         raise ValueError(f"{path}: no line has {', '.join(missing)} behind its value")
@@ -100,7 +100,7 @@ def number(path: Path, said: NamedValues, name: str, zero: bool | None = None) -
 
 
 def count_of(path: Path, line: int, name: str, text: str) -> int:
-    """The number of rows that a line states."""
+    """The number of rows that a line states, checked."""
     count = number_in(path, line, name, text, False)
     if count != int(count):
         raise mistake(path, line, name, f"must be a whole number, got {text}")
@@ -110,8 +110,8 @@ def count_of(path: Path, line: int, name: str, text: str) -> int:
 def table_rows(
     path: Path, lines: Sequence[str], start: int, count: int, name: str, width: int
 ) -> list[Row]:
-    """The rows of a table, as many as a number of the file says, as Fortran reads them: a row may
-    go on in the next line, and what is behind its last entry is not read, unless it is a number."""
+    """The rows of a table, as many as the file states, read as by Fortran: a row may go on in the
+    next line, and text after its last entry is ignored, unless it is a number."""
     rows: list[Row] = []
     at = start
     while len(rows) < count:
@@ -119,7 +119,7 @@ def table_rows(
         at += 1
         if not cells:
             continue
-        if not re.match(r"[+-]?[.\d]", cells[0]):  # a title, or notes
+        if not re.match(r"[+-]?[.\d]", cells[0]):  # a line of text ends the table
             what = f"{name} is {count:g}, but the table ends after {len(rows)}"
             raise mistake(path, min(line, len(lines)), None, what)
         whole, until = cells, at
@@ -130,7 +130,7 @@ def table_rows(
             whole, until = [*whole, *more], until + 1
         if len(whole) == width:
             cells, at = whole, until
-        # What is behind may be the rest of a number, like the E9 of 4.,E9.
+        # The next entry may be the rest of a number, such as E9 of 4.,E9.
         left = any(is_number(start + text) for text in cells[width:][:1] for start in ("", "1"))
         if len(cells) < width or left:
             raise mistake(path, line, None, f"{len(cells)} entries for {width} columns")
@@ -147,7 +147,7 @@ def blade_of(
     axial_stiffness: Real | AbstractSpanwise | None,
     needed: Iterable[str],
 ) -> BladeTable:
-    """The blade of a table; titles that are known are so in any order and any case."""
+    """The blade of a table, whose known titles may be in any order and case."""
     units = re.findall(r"\([^)]*\)|\[[^\]]*\]|[^\s,]+", head.units)
     if units and len(units) != len(head.titles):
         what = f"{len(units)} units for {len(head.titles)} columns: each in brackets, or (-)"
@@ -158,7 +158,7 @@ def blade_of(
             continue
         name, factor = meanings[title.lower()]
         allowed = UNITS[name]
-        # (-) is that of the format; x / L has none whatever is said, since it goes from 0 to 1.
+        # The unit (-) is that of the format; places x / L have none whatever is stated.
         own = unit_in(units[i]) if units and name != PLACE else ""
         own = own or next(iter(allowed))
         if name in columns:
@@ -174,8 +174,8 @@ def blade_of(
 
 
 def ignoring_too(table: BladeTable, others: Iterable[Value]) -> BladeTable:
-    """The table with sentences on further named values, one for each array, but for those that
-    change nothing."""
+    """The table with sentences about further named values that are ignored, one for each array,
+    without those that change nothing."""
     left: dict[str, list[str]] = {}
     for _, name, text in others:
         array = re.sub(r"\(?\d+\)?$", "", name)

@@ -20,25 +20,26 @@ from jaxbeam._rotor.sections import SIXES
 from jaxbeam._types import Real
 
 Sixes = Float[np.ndarray, "n 6 6"]
-# Axes of a `Blade` by those of the file, which are right-handed, too. BeamDyn and windIO: x to the
+# Matrices from axes of a file to those of a `Blade`, all right-handed. BeamDyn and windIO: x to the
 # suction side (downwind), y to the trailing edge, z along. HAWC2: x to the leading edge, y
 # downwind, z along.
 BEAMDYN = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
 HAWC2 = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
-# How well the axis of a `Blade` follows that of a file, of the length, or in rad: where it does
-# with the points of the file, they are taken; else more are, until it is better than that, so that
-# what is written and read again is taken as it is.
+# Accuracy of the axis of a `Blade`, over the length or in rad. If points of the file give the first
+# accuracy, they are taken, so that a file that was written is read again as it was; else points are
+# added to reach the second.
 _EXACT, _BETTER = 1e-9, 2.5e-10
 _HALVINGS = 12
-_POOR = 1e-6  # what is told
+_POOR = 1e-6  # error of an axis beyond which a warning follows
 _NODES = 10
-_UNSYMMETRIC = 1e-6  # of the geometric mean of entries of the diagonal; below it is rounding
+# Asymmetry, over the geometric mean of diagonal entries, that counts as rounding.
+_UNSYMMETRIC = 1e-6
 
 
 class Piece(NamedTuple):
-    """Points between kinks, in axes of a `Blade`, and its twist there; splines go through them over
-    the first coordinate, which increases."""
+    """Points of an axis between kinks, in axes of a `Blade`, and the twist there; splines go
+    through them over the first coordinate, which increases."""
 
     points: Float[np.ndarray, "k 3"]
     twist: Float[np.ndarray, " k"]
@@ -49,7 +50,8 @@ class Piece(NamedTuple):
         return value @ self.points, slope @ self.points, value @ self.twist
 
     def arc(self, along: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-        """Lengths of arc from the first point, by Gauss's rule between all of these values."""
+        """Lengths of arc from the first point to these values of the first coordinate, by Gauss's
+        rule between them."""
         every = np.union1d(self.points[:, 0], along)
         node, weight = np.polynomial.legendre.leggauss(_NODES)
         half = np.diff(every)[:, None] / 2
@@ -61,19 +63,19 @@ class Piece(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """The axis that a `Blade` is given, and where along it the points of the file are."""
+    """The axis of a `Blade`, and where along it the points of the file are."""
 
     points: Float[np.ndarray, "k 3"]
     twist: Float[np.ndarray, " k"]
     places: list[float]
     kinks: list[float]
     length: float
-    given: Float[np.ndarray, " p"]  # shares of the length
+    given: Float[np.ndarray, " p"]  # places of the file's points, as shares of the length
 
 
 def axis_of(pieces: Sequence[Piece]) -> Axis:
-    """The axis that goes through pieces one after the other: as many points of it as the splines of
-    a `Blade`, which are over the length of arc, take to follow it."""
+    """The axis of a `Blade` through pieces one after the other, with as many points as its splines
+    over the length of arc need."""
     scale = sum(float(piece.arc(piece.points[-1:, 0])[0]) for piece in pieces)
     along = [_enough(piece, scale) for piece in pieces]
     arcs = [piece.arc(own) for piece, own in zip(pieces, along, strict=True)]
@@ -81,7 +83,7 @@ def axis_of(pieces: Sequence[Piece]) -> Axis:
     length = ends[-1]
     points, twist, places, given = (list[np.ndarray]() for _ in range(4))
     for piece, own, arc, start in zip(pieces, along, arcs, ends[:-1], strict=True):
-        skipped = slice(bool(points), None)  # the first point is the last one of the piece before
+        skipped = slice(bool(points), None)  # its first point is the last one of the piece before
         place, (at, _, angle) = (start + arc) / length, piece.at(own)
         points.append(at[skipped])
         twist.append(angle[skipped])
@@ -95,8 +97,7 @@ def axis_of(pieces: Sequence[Piece]) -> Axis:
 
 
 def _enough(piece: Piece, length: float) -> np.ndarray:
-    """Places at which points are taken: those of the piece, and halfway where splines are not good
-    enough."""
+    """Places of points: those of the piece, and halfway between them until splines are accurate."""
     along, allowed = piece.points[:, 0], _EXACT
     for _ in range(_HALVINGS):
         gaps = [along[:-1] + share * np.diff(along) for share in (1 / 3, 1 / 2, 2 / 3)]
@@ -139,8 +140,8 @@ def blade_table(
     ignored: Sequence[str] = (), damping: tuple[float, ...] | None = None,
     point_masses: PointMasses | None = None,
 ) -> BladeTable:  # fmt: skip
-    """The result of a reader, of sections in axes of a `Blade`; its numbers are known even where it
-    is read while a program is compiled."""
+    """The result of a reader, from sections in axes of a `Blade`, with concrete numbers also within
+    a function that is traced."""
     with jax.ensure_compile_time_eval():
         blade = Blade(
             stations, stiffness, inertia, axis.points, axis.twist, axis.places, axis.kinks,
@@ -150,10 +151,9 @@ def blade_table(
 
 
 def shift(along: np.ndarray, across: np.ndarray) -> Sixes:
-    """Matrices (n, 6, 6) that make strains (or velocities) at points of sections of those at the
-    reference point. The points are at `along` and `across` it, in the first and second axis of a
-    file whose third goes along the blade: a stiffness K at the points is S^T K S at the reference
-    point."""
+    """Matrices (n, 6, 6) from strains (or velocities) at the reference point to those at points of
+    sections, at `along` and `across` in the first and second axis of a file whose third is along
+    the blade. A stiffness K at the points is S^T K S at the reference point."""
     made = np.broadcast_to(np.eye(6), (len(along), 6, 6)).copy()
     made[:, 0, 5], made[:, 1, 5] = -across, along
     made[:, 2, 3], made[:, 2, 4] = across, -along
@@ -161,7 +161,7 @@ def shift(along: np.ndarray, across: np.ndarray) -> Sixes:
 
 
 def about_third(angles: np.ndarray) -> Sixes:
-    """Matrices (n, 6, 6) whose columns are axes turned about the third one."""
+    """Matrices (n, 6, 6) whose columns are axes turned about the third one by angles."""
     cos, sin = np.cos(angles), np.sin(angles)
     made = np.zeros((len(angles), 6, 6))
     for at in (0, 3):
@@ -172,14 +172,14 @@ def about_third(angles: np.ndarray) -> Sixes:
 
 
 def seen_from(axes: np.ndarray, matrices: Sixes) -> Sixes:
-    """Matrices in other axes, whose rows are those."""
+    """Matrices in other axes, which are the rows of `axes`."""
     both = np.kron(np.eye(2), axes)
     seen: Sixes = both @ matrices @ both.T
     return seen
 
 
 def from_triangles(rows: Float[np.ndarray, "n 21"]) -> Sixes:
-    """Symmetric matrices from upper triangles, row by row."""
+    """Symmetric matrices from upper triangles, given row by row."""
     made = np.zeros((len(rows), 6, 6))
     made[:, SIXES[0], SIXES[1]] = rows
     made[:, SIXES[1], SIXES[0]] = rows
@@ -189,7 +189,7 @@ def from_triangles(rows: Float[np.ndarray, "n 21"]) -> Sixes:
 def checked_sections(
     path: Path, stiffness: Sixes, inertia: Sixes, lines: Sequence[int | str]
 ) -> tuple[Sixes, Sixes]:
-    """Matrices as a `Blade` wants them: means of those that differ from symmetric ones.
+    """Matrices for a `Blade`, made symmetric.
 
     `lines` say where in the file each station begins. Raises unless stiffnesses are positive
     definite and inertias have a mass, and warns of what is more than rounding.
@@ -241,7 +241,7 @@ def _symmetric(path: Path, name: str, matrices: Sixes, lines: Sequence[int | str
 
 
 def increasing(path: Path, column: str, lines: Sequence[int], values: Sequence[float]) -> None:
-    """Raise unless what splines go over increases."""
+    """Raise `ValueError` unless values that splines are taken over increase."""
     for line, (before, here) in zip(lines[1:], itertools.pairwise(values), strict=True):
         if not here > before:
             raise mistake(path, line, column, f"must increase, got {here:g} after {before:g}")

@@ -44,7 +44,7 @@ class BladeTable(NamedTuple):
     ignored: tuple[str, ...]
     hub_radius: float | None = None  # m
     tip_mass: float | None = None  # kg
-    pitch: float | None = None  # rad, in the sense of the twist of the beam; None: zero, too
+    pitch: float | None = None  # rad, positive as the twist of the beam; None: zero, too
     angular_speed: float | None = None  # rad/s
     precone: float | None = None  # rad; None: zero, too
     tip_body: TipBody | None = None  # None: a point
@@ -63,28 +63,30 @@ class BladeTable(NamedTuple):
 
 
 class Column(NamedTuple):
-    """The place of a property in a row, and the factor to SI units in the sense of a `Beam`."""
+    """The index of a property in a row, and the factor to SI units with the sign of a `Beam`."""
 
     title: str
     number: int
     factor: float = 1.0
 
 
-Row = tuple[int, list[str]]  # number of the line, its entries
-PLACE, TWIST = "place", "twist"  # all other properties must be positive
+Row = tuple[int, list[str]]  # line number and entries
+PLACE, TWIST = "place", "twist"  # names of properties that need not be positive
 IN_PLANE, FLAP = "in_plane_bending_stiffness", "flap_bending_stiffness"
 MASS, AXIAL = "mass_per_length", "axial_stiffness"
 TORSION, POLAR = "torsional_stiffness", "polar_inertia"
-POLARS = f"{POLAR} in flap", f"{POLAR} in plane"  # whose sum it is
-# To feather the leading edge goes upwind. The axis of a rotor that turns clockwise as seen from
-# there is downwind, and towards it a `Beam` counts its twist. BModes makes the same change.
+POLARS = f"{POLAR} in flap", f"{POLAR} in plane"  # properties whose sum the polar inertia is
+# Files count twist positive towards feather, where the leading edge goes upwind. A `Beam` counts it
+# towards the axis of rotation, which for a rotor turning clockwise as seen from upwind is downwind.
+# BModes makes the same change.
 FEATHER = -1.0
 DEGREES = FEATHER * math.pi / 180
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _FORCES = {"N": 1.0, "kN": 1e3, "MN": 1e6, "GN": 1e9}
 _STIFFNESSES = {f"{force}m2": factor for force, factor in _FORCES.items()} | {"Nmm2": 1e-6}
-UNITS: dict[str, Mapping[str, float]] = {  # by property, the one of the formats of turbines first
+# Factors to SI by unit, for each property; first the unit of the formats of turbines.
+UNITS: dict[str, Mapping[str, float]] = {
     PLACE: {"": 1.0},
     MASS: {"kg/m": 1.0, "g/m": 1e-3, "t/m": 1e3},
     IN_PLANE: _STIFFNESSES,
@@ -94,7 +96,8 @@ UNITS: dict[str, Mapping[str, float]] = {  # by property, the one of the formats
     TORSION: _STIFFNESSES | {"Nm2/rad": 1.0},
     **{name: {"kgm": 1.0, "kgm2/m": 1.0, "gm": 1e-3, "tm": 1e3} for name in (POLAR, *POLARS)},
 }
-# What a beam need not have is taken if it is positive at all stations: many files leave it at zero.
+# Properties that a beam need not have are taken if they are positive at all stations, since many
+# files have zeros there.
 _TOGETHER = {
     (TORSION,): "a Beam takes it if it is > 0 at all stations",
     (POLAR,): "a Beam takes it if it is > 0 at all stations",
@@ -103,7 +106,8 @@ _TOGETHER = {
 
 
 def unit_in(text: str) -> str:
-    """A unit as `UNITS` has it: without brackets, blanks and signs of products and powers."""
+    """A unit in the spelling of `UNITS`: without brackets, blanks and signs of products and
+    powers."""
     plain = text.strip().strip("[]()").replace("²", "2").replace("°", "deg")
     plain = re.sub(r"degrees?\b", "deg", re.sub(r"radians?\b", "rad", plain))
     plain = re.sub(r"[\s*·⋅.]*m\s*\^?\s*[-⁻][1¹]$", "/m", plain)
@@ -112,8 +116,7 @@ def unit_in(text: str) -> str:
 
 
 def factor_of(path: Path, line: int, title: str, unit: str, units: Mapping[str, float]) -> float:
-    """The factor from this unit to that of a `Beam`, or an error that says which units there may
-    be."""
+    """The factor from a unit to that of a `Beam`; raises an error that lists the units allowed."""
     if unit not in units:
         allowed = ", ".join(units) or "none at all"
         got = f"{unit!r}" if unit else "none"
@@ -150,7 +153,7 @@ def blade(
         raise ValueError(f"{path}: length must be given, in m, since the file does not say it")
     numbers = _numbers(path, line, len(titles), columns, rows, by_length)
     places = numbers.pop(PLACE)
-    stations = [x / places[-1] for x in places]  # by 1 unless the file says the length
+    stations = [x / places[-1] for x in places]  # the factor is 1 unless the file states the length
     if length is None:
         length = places[-1]
     if POLARS[0] in numbers:
@@ -163,7 +166,7 @@ def blade(
         if axial_stiffness is not None:
             properties[AXIAL] = axial_stiffness
         beam = Beam(length=length, **properties)
-    except ValueError as error:  # numbers that are too large or too close for a float
+    except ValueError as error:  # numbers too large for a float, or places too close
         raise mistake(path, line, None, str(error).splitlines()[0]) from error
     used = {column.number for column in columns.values()} | ({given.number} if given else set())
     ignored = [f"{given.title} is ignored: axial_stiffness was given."] if given else []
@@ -178,7 +181,7 @@ def blade(
 def _used(
     columns: Mapping[str, Column], rows: Sequence[Row]
 ) -> tuple[dict[str, Column], dict[int, str]]:
-    """The columns that are taken, and why others are not, by number."""
+    """The columns that are used, and by number the reasons why others are not."""
     taken, left = dict(columns), dict[int, str]()
     for names, why in _TOGETHER.items():
         there = [taken[name] for name in names if name in taken]
@@ -194,7 +197,7 @@ def _used(
 
 def _positive(row: Row, column: Column) -> bool:
     text = row[1][column.number] if column.number < len(row[1]) else ""
-    return not is_number(text) or not as_number(text) <= 0  # what is no number is said later
+    return not is_number(text) or not as_number(text) <= 0  # text that is no number raises later
 
 
 def _numbers(
@@ -205,7 +208,7 @@ def _numbers(
     rows: Sequence[Row],
     by_length: bool,
 ) -> dict[str, list[float]]:
-    """Properties at the stations; the first mistake raises."""
+    """Properties at the stations; raises for the first mistake."""
     values: dict[str, list[float]] = {name: [] for name in columns}
     place = columns[PLACE].title
     for line, cells in rows:
@@ -230,7 +233,7 @@ def _numbers(
 
 
 def _misplaced(stations: Sequence[float]) -> str:
-    """The complaint about the last station so far; empty where nothing is wrong."""
+    """The complaint about the last of these stations; empty if it is right."""
     here, before = stations[-1], stations[-2] if len(stations) > 1 else None
     if before is None:
         return f"stations must begin at 0, the root, got {here:g}" if here else ""
@@ -242,7 +245,7 @@ def _misplaced(stations: Sequence[float]) -> str:
 
 
 def ignoring(title: str, values: Sequence[str], reasons: Mapping[str, str]) -> str:
-    """The sentence on something in a file that is not used, with the largest of its numbers."""
+    """The sentence about values of a file that are not used, with the largest of them."""
     reason = reasons.get(title.lower(), "a Beam has nothing of this name")
     sizes = [abs(as_number(value)) for value in values if is_number(value)]
     if sizes and len(sizes) == len(values):

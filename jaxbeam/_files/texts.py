@@ -6,15 +6,15 @@ import re
 from pathlib import Path
 
 FilePath = str | os.PathLike[str]
-# A number of Fortran: 1.0D+10 and 1.0+10 as well as 1e10; the latter with a point alone, since
-# 10-12 is rather a date.
+# A number of Fortran: 1.0D+10 and 1.0+10 as well as 1e10; without a letter only with a decimal
+# point, since 10-12 is rather a date.
 _NUMBER = re.compile(r"([+-]?)(\d+\.?\d*|\.\d+)(?:[eEdDqQ]([+-]?\d+)|([+-]\d+))?", re.ASCII)
 _ENTRY = re.compile(r"""('(?:[^']|'')*'|"(?:[^"]|"")*")(?![^\s,/!])|[^\s,!]+""")
 _REPEATED = re.compile(r"(\d{1,3})\*(.*)", re.ASCII)
 
 
 def read_lines(path: Path) -> list[str]:
-    """Lines of a text in UTF-8, in UTF-16 with its mark, or else in what Windows writes."""
+    """Lines of a text file in UTF-8, in UTF-16 with a byte order mark, or else in Windows-1252."""
     data = path.read_bytes()
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         text = data.decode("utf-16", "replace")
@@ -60,7 +60,8 @@ def mistake(path: Path, line: int, column: str | None, what: str) -> ValueError:
 
 
 def number_in(path: Path, line: int, column: str, text: str, zero: bool | None = None) -> float:
-    """A finite number, positive or `zero`; with None it may have any sign."""
+    """A finite number of an entry, checked: positive, with `zero` not negative, with None of any
+    sign."""
     try:
         number = as_number(text)
     except ValueError:
@@ -73,7 +74,8 @@ def number_in(path: Path, line: int, column: str, text: str, zero: bool | None =
 
 
 def as_number(text: str) -> float:
-    """A number as Fortran and spreadsheets write it, NaN and infinity too, or a `ValueError`."""
+    """A number in the notations of Fortran and spreadsheets, NaN and infinity included; raises
+    `ValueError` for others."""
     if match := _NUMBER.fullmatch(text):
         sign, digits, exponent, bare = match.groups()
         if bare is None or "." in digits:
@@ -84,7 +86,7 @@ def as_number(text: str) -> float:
 
 
 def is_number(text: str, value: float | None = None) -> bool:
-    """Whether a text is this number, or any."""
+    """Whether a text is a number, or is this one."""
     try:
         number = as_number(text)
     except ValueError:

@@ -70,7 +70,8 @@ def read_vabs(
 
 
 def _section(path: Path) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Stiffness and inertia (1, 6, 6) of a file, and sentences on what in it is ignored."""
+    """Stiffness and inertia (1, 6, 6) of a file, and sentences about its entries that are
+    ignored."""
     lines = read_lines(path)
     refuse_other(path, lines, BladeFormat.VABS)
     found = {
@@ -93,7 +94,7 @@ def _section(path: Path) -> tuple[np.ndarray, np.ndarray, list[str]]:
 
 
 def _matrix(path: Path, lines: Sequence[str], start: int, name: str) -> np.ndarray:
-    """The six rows of numbers that follow a title, a bar and empty lines."""
+    """The six rows of numbers after a title, a bar and empty lines."""
     matrix, at = np.zeros((6, 6)), start + 1
     for row in range(1, 7):
         while at < len(lines) and not lines[at].strip(" ="):

@@ -28,11 +28,12 @@ from jaxbeam._rotor.points import PointMasses
 from jaxbeam._rotor.sections import SIXES
 
 _NAMES = [f"K{i + 1}{j + 1}" for i, j in zip(*SIXES, strict=True)]
-_NEEDED = "K11 K22 K33 K44 K55 K66"  # the others are zero unless they are there
+_NEEDED = "K11 K22 K33 K44 K55 K66"  # entries that must be there; others are zero without them
 _INERTIA = "mass cm_x cm_y i_edge i_flap i_plr i_cp"
-_SAME = 1e-9  # places on grids
-_APART = 0.01  # of the length: how far a grid may be from shares of the length of arc
-_END = 1e-5  # where no point mass may be
+_SAME = 1e-9  # distance of places on grids that count as equal
+# Difference, over the length, between a grid and shares of the length of arc that is allowed.
+_APART = 0.01
+_END = 1e-5  # distance from the ends, over the length, in which no point mass may be
 KeyPath = tuple[str, ...]
 
 
@@ -93,7 +94,7 @@ def _parsed(path: Path, text: str) -> Any:
 
 
 def _first(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
-    """The blade of a file of version 1."""
+    """The blade of a file of version 1 of windIO."""
     keys: KeyPath = (*top, "elastic_properties_mb", "six_x_six")
     sections = _within(path, blade, keys, 2)
     shape: KeyPath = (*top, "outer_shape_bem")
@@ -117,7 +118,7 @@ def _first(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
 
 
 def _second(path: Path, blade: Mapping[str, Any], top: KeyPath) -> BladeTable:
-    """The blade of a file of version 2."""
+    """The blade of a file of version 2 of windIO."""
     names = (*top, "reference_axis"), (*top, "outer_shape", "twist")
     parts = [(_within(path, blade, keys, 2), keys) for keys in names]
     axis = _axis(path, parts, FEATHER * math.pi / 180)
@@ -159,7 +160,7 @@ def _inertia(
 
 
 def _masses(path: Path, table: Any, keys: KeyPath) -> list[tuple[float, float]]:
-    """Places and masses of the points on the blade, but for those of no mass."""
+    """Places and masses of point masses on the blade, without those of no mass."""
     if table is None:
         return []
     grid = _numbers(path, _within(path, table, (*keys, "grid"), len(keys)), (*keys, "grid"))
@@ -176,7 +177,7 @@ def _mu(path: Path, table: Any, keys: KeyPath) -> tuple[float, ...] | None:
 
 
 def _axis(path: Path, parts: Sequence[tuple[Any, KeyPath]], factor: float) -> Axis:
-    """The axis from a line in space and a twist, each found below its keys."""
+    """The axis from a line in space and the twist, each found below its keys."""
     line, twist = parts
     tables = {
         name: _table(path, _within(path, line[0], (*line[1], name), len(line[1])), (*line[1], name))
@@ -207,7 +208,7 @@ def _blade(
     path: Path, axis: Axis, grids: Sequence[np.ndarray], matrices: Sequence[Sixes],
     damping: tuple[float, ...] | None = None, masses: Sequence[tuple[float, float]] = (),
 ) -> BladeTable:  # fmt: skip
-    """The blade of stiffness and inertia, each on its grid."""
+    """The blade from stiffness and inertia, each on its own grid."""
     stations = np.union1d(*grids)
     both = []
     for grid, own in zip(grids, matrices, strict=True):
@@ -229,7 +230,7 @@ def _wrong(path: Path, keys: KeyPath, what: str) -> ValueError:
 
 
 def _within(path: Path, tree: Any, keys: KeyPath, start: int = 0) -> Any:
-    """The branch of a file below keys, of which the first ones led to the tree."""
+    """The branch of a file below keys, the first `start` of which led to the tree."""
     for i in range(start, len(keys)):
         if not isinstance(tree, Mapping) or keys[i] not in tree:
             there = f"there are {', '.join(map(str, tree))}" if isinstance(tree, Mapping) else ""
@@ -247,7 +248,7 @@ def _listed(path: Path, values: Any, keys: KeyPath, count: int | None = None) ->
 
 
 def _numbers(path: Path, values: Any, keys: KeyPath, count: int | None = None) -> np.ndarray:
-    """A list of finite numbers; 1e5 is a text in YAML."""
+    """A list of `count` finite numbers; YAML reads 1e5 as a text."""
     numbers = []
     for i, value in enumerate(_listed(path, values, keys, count), 1):
         try:
@@ -274,7 +275,7 @@ def _grid(path: Path, table: Any, keys: KeyPath) -> np.ndarray:
 
 
 def _table(path: Path, table: Any, keys: KeyPath) -> tuple[np.ndarray, np.ndarray]:
-    """A grid, and values there."""
+    """A grid and the values on it, found below keys of a table."""
     grid = _grid(path, table, keys)
     own = (*keys, "values")
     return grid, _numbers(path, _within(path, table, own, len(keys)), own, len(grid))

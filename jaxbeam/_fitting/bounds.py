@@ -11,10 +11,14 @@ from jaxbeam._fitting.free import FreeParameter
 from jaxbeam._fitting.result import Problem, variance
 from jaxbeam._types import Scalar
 
-RANK = 1e-7  # of the largest singular value; frequencies and their derivatives are good to 1e-9
-CLOSE = 0.1  # of a standard deviation: as close as that to a bound is at it
-_THERE = 36.0  # in the variables of the search: e^-36 is the rounding of one
-_FAR = 9.0  # times the room left, which the data ask for beyond a bound that holds them
+# Singular values below this share of the largest count as zero: derivatives of frequencies have an
+# accuracy of 1e-9.
+RANK = 1e-7
+CLOSE = 0.1  # values nearer to a bound than this share of a standard deviation count as at it
+_THERE = 36.0  # value of a variable of the search at a bound: e^-36 is the rounding of one
+# Ratio of the change that data ask for to the distance from a bound, from which on the bound holds
+# a value.
+_FAR = 9.0
 
 
 def units(free: dict[str, FreeParameter], z: Array) -> tuple[Array, Array]:
@@ -26,15 +30,15 @@ def units(free: dict[str, FreeParameter], z: Array) -> tuple[Array, Array]:
 
 
 def rooms(free: dict[str, FreeParameter], z: Array) -> Array:
-    """The distance (2, m) of each value from its lower and its upper bound."""
+    """The distances (2, m) of m values from their lower and upper bounds."""
     values = [(each, each.value(z[i])) for i, each in enumerate(free.values())]
     pairs = [[value - each.lower, each.upper - value] for each, value in values]
     return jnp.stack([jnp.stack(pair) for pair in pairs], 1)
 
 
 def settled(problem: Problem, z: Array) -> tuple[Array, Array, Array, Array]:
-    """Parameters after those that the data press against a bound are put there, and the others
-    where they fit best with that, by two steps of Gauss and Newton, unless that makes things worse.
+    """Parameters after those that the data press against a bound are moved there, and others to
+    where they then fit best, by two steps of Gauss and Newton, unless that makes the fit worse.
 
     Returns the variables of the search, residuals and their Jacobian there, and for each parameter
     -1 where its lower bound holds it, 1 where its upper one does, else 0. A search alone comes near
@@ -58,7 +62,7 @@ def settled(problem: Problem, z: Array) -> tuple[Array, Array, Array, Array]:
         following = jnp.where(fine, ahead, origin)
         return (following, origin, square, here), (z, residual, jacobian, side)
 
-    z = jnp.clip(z, low, high)  # beyond, slopes vanish and values stay
+    z = jnp.clip(z, low, high)  # beyond these limits slopes vanish and values stay the same
     nothing = jnp.zeros(z.size, int)
     start: Any = z, z, jnp.asarray(jnp.inf, z.dtype), nothing
     _, rows = jax.lax.scan(look, start, np.array([True, False, False]))
@@ -67,8 +71,8 @@ def settled(problem: Problem, z: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _pressed(residual: Array, by_value: Array, room: Array) -> Array:
-    """The side, -1 or 1, of the bound far beyond which the data ask for a value, all other
-    parameters as they are; 0 for others."""
+    """The side, -1 or 1, of the bound that the data press each value against, all other parameters
+    being fixed; 0 for others."""
     stiffness = jnp.sum(by_value**2, 0)
     wanted = -(residual @ by_value) / jnp.where(stiffness > 0, stiffness, 1.0)
     side = jnp.where(wanted < 0, -1, 1)
@@ -78,8 +82,8 @@ def _pressed(residual: Array, by_value: Array, room: Array) -> Array:
 def _stepped(
     z: Array, residual: Array, by_unit: Array, rate: Array, side: Array, room: Array
 ) -> Array:
-    """Parameters at their bounds where they are held there, and after a step of the others; z
-    itself where nothing is held."""
+    """Parameters with those that are held moved to their bounds, and the others after a step; z
+    itself where none is held."""
     held = side != 0
     way = jnp.where(side < 0, -room[0], jnp.where(side > 0, room[1], 0.0))
     finite = jnp.all(jnp.isfinite(by_unit)) & jnp.all(jnp.isfinite(residual))
@@ -91,10 +95,10 @@ def _stepped(
 
 
 def decomposed(by_unit: Array, held: Array) -> tuple[Array, Array, Array]:
-    """Singular vectors and values of a Jacobian in which parameters that are `held` are known: the
-    data on one of these stand alone, and all else is conditional on it."""
+    """Singular vectors and values of a Jacobian in which parameters that are `held` count as known:
+    each of these gets a singular vector of its own, and the others are conditional on them."""
     m = held.size
-    few = max(m - len(by_unit), 0)  # rows of zeros, for directions that nothing was measured in
+    few = max(m - len(by_unit), 0)  # zero rows for directions without measurements
     by_unit = jnp.pad(by_unit, ((0, few), (0, 0)))
 
     def certain(matrix: Array) -> tuple[Array, Array, Array]:
@@ -110,18 +114,19 @@ def decomposed(by_unit: Array, held: Array) -> tuple[Array, Array, Array]:
 
 
 def gain(residual: Array, along: Array, certainty: Array) -> Scalar:
-    """The reduction of the sum of squares that another step of Gauss and Newton promises."""
+    """The reduction of the sum of squares that another step of Gauss and Newton would bring."""
     return jnp.sum(jnp.where(certainty > 0, residual @ along[: residual.size], 0.0) ** 2)
 
 
 def others_arrived(residual: Array, by_unit: Array, there: Array, scale: Scalar) -> Array:
-    """Whether some parameters are at a bound, to which a search goes on in ever smaller steps, and
-    all others where a step would not take them a tenth of a standard deviation farther."""
+    """Whether some parameters are at a bound, which a search approaches in ever smaller steps, and
+    all others within a tenth of a standard deviation of where a step would take them."""
     along, certainty, _ = decomposed(by_unit, there)
     return jnp.any(there) & (gain(residual, along, certainty) <= (CLOSE * scale) ** 2)
 
 
 def least_certain(certainty: Array, combinations: Array, held: Array) -> Scalar:
-    """The certainty of the combination that is known least, among those that no bound holds."""
+    """The certainty of the combination of parameters that is known least, among those that no bound
+    holds."""
     own = jnp.sum(jnp.where(held[None], combinations**2, 0.0), 1) > 0.5
     return jnp.min(jnp.where(own, jnp.inf, certainty))

@@ -180,7 +180,7 @@ class HistoryData(Experiment):
             self.model, self.rotor, self.motion, self.times, loads=self.loads,
             damping=self.damping, adjoint=diffrax.ForwardMode(), throw=False, **self.options,
         )  # fmt: skip
-        value = self.of(run.partial)  # what may not be used is left out below
+        value = self.of(run.partial)  # outputs that may not be used are left out below
         if value.shape != self.measured.shape:
             raise ValueError(f"of must give the shape {self.measured.shape}, got {value.shape}")
         usable = (run.status == Status.OK) | (run.status == Status.UNBALANCED)
@@ -300,7 +300,8 @@ class ResonanceMargin(Experiment):
 
 
 def residuals_of(experiments: list[Experiment]) -> list[Array]:
-    """Residuals of each experiment; those of one structure go, one by one, through one program."""
+    """Residuals of each experiment; experiments of one structure share a program, one after the
+    other."""
     groups: list[list[int]] = []
     for i, experiment in enumerate(experiments):
         for group in groups:
@@ -326,7 +327,7 @@ def _residual(rest: Experiment, arrays: Experiment) -> Array:
 
 
 def _alike(a: Experiment, b: Experiment) -> bool:
-    """Whether two experiments differ in the values of arrays alone."""
+    """Whether two experiments differ only in values of arrays."""
     parts = [eqx.partition(each, eqx.is_array) for each in (a, b)]
     shapes = [[(x.shape, x.dtype) for x in jax.tree.leaves(arrays)] for arrays, _ in parts]
     structures = {jax.tree.structure(arrays) for arrays, _ in parts}
@@ -337,7 +338,7 @@ def _alike(a: Experiment, b: Experiment) -> bool:
 def _frequencies(
     model: AbstractModel, rotor: Rotor, speeds: Float[Array, " S"], wanted: Wanted
 ) -> Float[Array, "S k"]:
-    """Frequencies at each speed, NaN where the case failed."""
+    """Frequencies of the wanted modes at each speed, NaN where a case failed."""
     return jax.vmap(lambda w: find(model, rotor, w, wanted).frequency)(speeds)
 
 
@@ -362,7 +363,8 @@ def _increasing(name: str, values: Any) -> Array:
 
 
 def _data(measured: Any, noise: Any, shape: tuple[Any, ...]) -> tuple[Array, Array]:
-    """Measured numbers, of the lengths given (None: any; a last ...: any more axes), and noise."""
+    """Measured numbers and their noise as arrays, checked: of a shape with given lengths (None:
+    any; ... at the end: any further axes)."""
     measured = real_array("measured", with_gaps(measured))
     given = shape[:-1] if shape[-1] is ... else shape
     right = len(measured.shape) >= len(given) if shape[-1] is ... else measured.ndim == len(given)

@@ -39,7 +39,8 @@ from jaxbeam._results import finish, nan_unless
 from jaxbeam._status import Status, first_broken
 from jaxbeam._types import is_concrete
 
-_ENOUGH = 1e-10  # of the sum of squares, absolute plus relative
+# Gain of the sum of squares, absolute plus relative, below which a search has converged.
+_ENOUGH = 1e-10
 
 
 class Descent(NamedTuple):
@@ -97,16 +98,17 @@ def fit(
     and `RuntimeError` unless the status is `OK`.
     """
     _check_kinds(experiments, free, max_steps, solver)
-    problem = Problem(experiments, dict(sorted(free.items())))  # as jax sorts them
+    problem = Problem(experiments, dict(sorted(free.items())))  # sorted by name, as JAX does
     _check_problem(problem, known_noise, descent)
     solver = optimistix.LevenbergMarquardt(rtol=_ENOUGH, atol=_ENOUGH) if solver is None else solver
     search = _FitSearch(problem, solver, max_steps, known_noise, descent)
     found = search.best(jax.random.key(seed), progress)
-    return finish(found, throw, noted=True)  # which parameters, and what of them is known
+    # The error says which parameters, and what is known of them.
+    return finish(found, throw, noted=True)
 
 
 def _check_kinds(experiments: Any, free: Any, max_steps: Any, solver: Any) -> None:
-    """Raise an error unless arguments are of the kinds that they should be."""
+    """Raise `TypeError` or `ValueError` unless arguments are of the right kinds."""
     if not callable(experiments):
         raise TypeError(f"experiments must be a function of the parameters, got {experiments!r}")
     if not isinstance(free, dict) or not free:
@@ -124,7 +126,8 @@ def _check_kinds(experiments: Any, free: Any, max_steps: Any, solver: Any) -> No
 
 
 def _check_problem(problem: Problem, known_noise: bool, descent: Any) -> None:
-    """Raise an error unless there are experiments that say enough about the parameters."""
+    """Raise `ValueError` unless there are experiments, with enough measurements for the
+    parameters."""
     free = problem.free
     guessed = problem.named({name: each.guess for name, each in free.items()})
     for experiment in guessed:
@@ -156,7 +159,7 @@ def _check_descent(descent: Any) -> None:
 
 
 class _FitSearch(NamedTuple):
-    """The search for the parameters, once the arguments of `fit` are checked."""
+    """The search for the parameters, after the arguments of `fit` have been checked."""
 
     problem: Problem
     solver: Any
@@ -165,7 +168,7 @@ class _FitSearch(NamedTuple):
     descent: Descent | None
 
     def best(self, key: Any, progress: bool | None) -> Fit:
-        """The end of the search from the guess, or of that after a descent if it is better."""
+        """The result of the search from the guess, or after a `descent` the better one of two."""
         first = self.refined(jnp.asarray(np.zeros(len(self.problem.free))))
         traced = not is_concrete(first)
         shown = (sys.stderr.isatty() if progress is None else progress) and not traced
@@ -184,12 +187,12 @@ class _FitSearch(NamedTuple):
         return _better(first, other)
 
     def refined(self, z: Array) -> Fit:
-        """The point at which Levenberg-Marquardt, or the solver given, ends from a point."""
+        """The point at which Levenberg-Marquardt, or the solver given, ends from a start."""
         return _refine(self.problem, z, self.solver, self.max_steps, self.known_noise)
 
 
 def _is_poor(found: Fit) -> bool:
-    """Whether a fit of known numbers is lost, or leaves more than the noise explains."""
+    """Whether a fit with known noise has failed, or leaves more than the noise explains."""
     if int(found.status) in (Status.FIT_NOT_CONVERGED, Status.NOT_FINITE):
         return True
     reduced_chi_squared, degrees_of_freedom = map(
@@ -199,7 +202,7 @@ def _is_poor(found: Fit) -> bool:
 
 
 def _better(first: Fit, other: Fit) -> Fit:
-    """The lower of two ends; of ends that are alike, the one that has converged."""
+    """The better of two results; of equal ones that which has converged."""
     lower = other.reduced_chi_squared < first.reduced_chi_squared * (1 - 1e-6)
     ended = (first.status == Status.FIT_NOT_CONVERGED) & (other.status != first.status)
     level = other.reduced_chi_squared <= first.reduced_chi_squared * (1 + 1e-6)
@@ -235,7 +238,8 @@ def _(primals: Any, tangents: Any) -> tuple[Array, Array]:
 @functools.partial(Program, calls=0)
 def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise: bool) -> Fit:
     m = z.size
-    closed = eqx.filter_closure_convert(problem.residual, z)  # what it closes over are leaves now
+    # Arrays that it closes over become leaves.
+    closed = eqx.filter_closure_convert(problem.residual, z)
     found: Any = optimistix.least_squares(
         _residual, solver, z, closed, {"jac": "fwd"}, max_steps=max_steps, throw=False,
     )  # fmt: skip
@@ -251,8 +255,8 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
     slope, unit = units(problem.free, z)
     by_unit = jnp.where(finite, jacobian * (unit / slope)[None], 0.0)
     along, certainty, combinations = decomposed(by_unit, held)
-    # Where the gain is lost in rounding, no step is seen to be one downhill, and the solver goes on
-    # until it gives up.
+    # Where the gain is within rounding, no step counts as downhill, and the solver goes on until it
+    # gives up.
     arrived = gain(residual, along, certainty) <= _ENOUGH * (1 + square)
     standard_deviation, covariance = uncertainty(certainty, combinations, unit, scale)
     room = rooms(problem.free, z)
@@ -295,9 +299,10 @@ def _refine(problem: Problem, z: Array, solver: Any, max_steps: int, known_noise
 
 @functools.partial(Program, calls=0)
 def _descend(problem: Problem, descent: Descent, key: Any) -> Array:
-    """The best of the points at which descents from all starts ended."""
+    """The best of the points at which descents from all starts end."""
     n, m = descent.starts, len(problem.free)
-    # A Latin hypercube: each parameter takes n values evenly, in an order of its own.
+    # A Latin hypercube: each parameter takes n evenly spread values, each once, in a random order
+    # of its own.
     order, within = jax.random.split(key)
     rows = jax.vmap(lambda k: jax.random.permutation(k, n), out_axes=1)(jax.random.split(order, m))
     away = descent.starts_within * (2 * (rows + jax.random.uniform(within, (n, m))) / n - 1)

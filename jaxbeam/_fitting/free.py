@@ -77,11 +77,11 @@ class FreeParameter(eqx.Module):
         slope, value = jax.grad(self.value), self.value(z)
         here = jnp.abs(value) if self.bounded == (False, False) else slope(z)
         least = slope(jnp.zeros_like(z))
-        if all(self.bounded):  # at the upper one the slope says nothing of how large changes are
+        if all(self.bounded):  # at the upper bound the slope is no measure of changes
             least = jnp.maximum(least, value - self.lower)
         return slope(z), jnp.maximum(here, 0.1 * least)
 
 
 def values_of(free: dict[str, FreeParameter], z: Array) -> dict[str, Scalar]:
-    """The parameters by name, from the variables of the search."""
+    """The parameters by name, from variables z of the search."""
     return {name: each.value(z[i]) for i, (name, each) in enumerate(free.items())}

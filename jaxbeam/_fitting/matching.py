@@ -28,16 +28,17 @@ def match_modes(measured: Any, computed: Any) -> Array:
             f"{measured.shape} and {computed.shape}"
         )
     measured, computed = jax.lax.stop_gradient((jnp.log(measured), jnp.log(computed)))
-    rows, columns = jnp.argsort(measured), jnp.argsort(computed)  # NaN last
+    rows, columns = jnp.argsort(measured), jnp.argsort(computed)  # sorted, NaN last
     given = jnp.isfinite(measured[rows])
     cost = (measured[rows][:, None] - computed[columns][None]) ** 2
     cost = jnp.where(jnp.isfinite(cost), cost, 1e30)
     n = computed.size
     never = jnp.asarray([jnp.inf], cost.dtype)
-    least = jnp.zeros(n + 1, cost.dtype)  # of the rows so far with the first 0 .. n modes
+    # Least cost of the rows so far, with the first 0 .. n modes.
+    least = jnp.zeros(n + 1, cost.dtype)
     ends = []
     for i in range(measured.size):
-        end = least[:-1] + cost[i]  # at mode j: what went before used modes below j
+        end = least[:-1] + cost[i]  # this row takes mode j, the rows before it modes below j
         ends.append(end)
         best = jax.lax.cummin(jnp.concatenate([never, end]))
         least = jnp.where(given[i], best, least)

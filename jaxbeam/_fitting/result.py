@@ -21,13 +21,14 @@ from jaxbeam._results import nan_unless, per_case
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, is_concrete
 
-UNSURE = 1.0  # a standard deviation as large as the parameter: as good as unknown
+UNSURE = 1.0  # standard deviation over the parameter from which on it counts as unknown
 
 Experiments = Callable[..., Experiment | Sequence[Experiment]]
 
 
 class Problem(eqx.Module):
-    """Residuals as a function of z, with those of priors at the end."""
+    """Residuals of measurements, with those of priors at the end, as a function of variables z of
+    the search."""
 
     experiments: Experiments
     free: dict[str, FreeParameter]
@@ -48,11 +49,11 @@ class Problem(eqx.Module):
         return jnp.concatenate(parts)
 
     def with_jacobian(self, z: Array) -> tuple[Array, Array]:
-        """Residuals and their derivatives, from one run of the models."""
+        """Residuals and their derivatives, by one run of the models."""
         return value_and_jacobian(self.residual, z)
 
     def count(self, experiments: list[Experiment]) -> Any:
-        """The number of measured numbers, priors among them; in NumPy if they are known."""
+        """The number of measured numbers, priors included; as one of NumPy if they are concrete."""
         present = [numpy_if_concrete(experiment.present).sum() for experiment in experiments]
         return sum(present) + sum(f.prior is not None for f in self.free.values())
 
@@ -236,7 +237,7 @@ def excess_of(xp: Any, reduced_chi_squared: Any, degrees_of_freedom: Any) -> Any
 def uncertainty(
     certainty: Array, combinations: Array, unit: Array, scale: Scalar
 ) -> tuple[Array, Array]:
-    """Deviation of each parameter, and their covariance."""
+    """Standard deviation of each parameter, and their covariance."""
     scaled = unit[:, None] * combinations.T / jnp.where(certainty > 0, certainty, 1.0)[None]
     covariance = scale**2 * scaled @ scaled.T
     standard_deviation = scale * unit * jnp.sqrt(variance(certainty, combinations))
@@ -246,8 +247,8 @@ def uncertainty(
 
 
 def variance(certainty: Array, combinations: Array) -> Array:
-    """Variances of the variables of the search; infinite where a combination without certainty has
-    a share."""
+    """Variances of the variables of the search; infinite for variables with a part in a combination
+    of certainty zero."""
     share = combinations**2
     share = jnp.where(share < 1e-12, 0.0, share)
     each = jnp.where(share == 0, 0.0, share / jnp.where(share == 0, 1.0, certainty[:, None] ** 2))
@@ -255,7 +256,7 @@ def variance(certainty: Array, combinations: Array) -> Array:
 
 
 def student(p: float, degrees_of_freedom: Array) -> Array:
-    """Quantile of Student's distribution by bisection of its incomplete beta function."""
+    """Quantile of Student's distribution, by bisection of its incomplete beta function."""
     low, high = jnp.zeros_like(degrees_of_freedom), jnp.full_like(degrees_of_freedom, 1e4)
 
     def below(t: Array) -> Array:

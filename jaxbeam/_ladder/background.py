@@ -7,7 +7,7 @@ from typing import Any, Self
 
 
 class BackgroundCompiler:
-    """A compiler of programs that are sure to be called, or nearly, in threads: XLA lets go of
+    """A compiler of programs that are likely to be called, in threads, during which XLA releases
     Python's lock.
 
     A thread only fills JAX's cache of programs, by `lower` and `compile`, which take no time where
@@ -26,12 +26,13 @@ class BackgroundCompiler:
         self.threads.shutdown(wait=False, cancel_futures=True)
 
     def begin(self, key: Hashable, compiled: Callable[[], Any]) -> None:
-        """Call `compiled` as soon as a core is free, in the order of these calls."""
+        """Call `compiled` as soon as a core is free, in the order of such calls."""
         if key not in self.begun:
             self.begun[key] = self.threads.submit(compiled)
 
     def await_it(self, key: Hashable) -> None:
-        """Wait for a compilation that has begun; one that has not is the caller's to do at once."""
+        """Wait for a compilation that has begun; drop one that has not, which the caller then
+        does."""
         future = self.begun.get(key)
         if future is not None and not future.cancel():
             wait([future])

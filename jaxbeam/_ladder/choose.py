@@ -42,10 +42,10 @@ from jaxbeam._rotor.checked import checked_rotor
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status
 
-INTEGRATION = 0.05  # of the tolerance, left to numerical integration
-JUDGE = 1.0  # of the tolerance, by which the last two rungs of the judge may differ
+INTEGRATION = 0.05  # share of the tolerance left to numerical integration
+JUDGE = 1.0  # difference of the last two rungs of the judge that is allowed, over the tolerance
 LARGE = 0.1  # and where the scout fails
-_UNCONFIRMED = 0.25  # of the tolerance, which the first two rungs that agree may both be off
+_UNCONFIRMED = 0.25  # error, over the tolerance, that two rungs which agree first may both have
 # And any two: loads that set in at once shake high modes, whose errors fall but slowly.
 _LEAST = 0.05
 
@@ -122,7 +122,7 @@ def _chosen(ask: "_Asker", tolerance: float, own: Sequence[AbstractModel]) -> Ch
         beforehand = eqx.tree_at(
             lambda k: k.timoshenko_reduction, beforehand, beforehand.timoshenko_reduction[:1]
         )
-    if linear and 0.3 * beforehand.size**2 <= tolerance:  # what linear theory leaves out as a rule
+    if linear and 0.3 * beforehand.size**2 <= tolerance:  # typical error of linear theory
         cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
         ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, beforehand, tolerance)][:1])
 
@@ -143,7 +143,7 @@ def _none(
     status: Status, seen: Answer, beforehand: Indicators, tolerance: float,
     evidence: tuple[Evidence, ...],
 ) -> Choice:  # fmt: skip
-    """The result of a search without a choice, with the reason; `seen` is an answer that failed."""
+    """The result of a search without a choice, with the reason by `seen`, an answer that failed."""
     return Choice(
         rung=None,
         estimate=np.inf,
@@ -176,7 +176,7 @@ def _scouted(
 
 
 class _Asker:
-    """Asks rungs one question about one rotor, and keeps their answers."""
+    """A rotor and a question that rungs are asked, with the answers so far."""
 
     def __init__(
         self, question: Question, rotor: Rotor, accuracy: float, compiler: BackgroundCompiler
@@ -213,8 +213,8 @@ class _Asker:
 def _refined(
     ask: _Asker, elements: list[AbstractModel], tolerance: float
 ) -> tuple[AbstractModel, float]:
-    """The judge, refined until its answer stands still, and its possible error. Where a finer one
-    fails, the finest that another confirms."""
+    """The judge, refined until its answer changes by less than the tolerance, with its possible
+    error; where a finer one fails, the finest that another one confirms."""
     share = convergence_factor(ask.question, ask.rotor, elements[0])
     judge, left, before = elements[1], np.inf, np.inf
     for coarse, fine in itertools.pairwise(elements):
@@ -236,7 +236,7 @@ def _refined(
 
 @dataclasses.dataclass
 class _Trial:
-    """The trial of the rungs before the judge: what is known of their errors, and what became of
+    """The trial of the rungs before the judge: their errors as far as known, and the verdict on
     each.
 
     The judge may be off by `left`.
@@ -251,12 +251,14 @@ class _Trial:
     left: float
     estimates: dict[AbstractModel, float] = dataclasses.field(default_factory=dict)
     verdicts: dict[AbstractModel, str] = dataclasses.field(default_factory=dict)
-    tried: dict[Any, list[AbstractModel]] = dataclasses.field(default_factory=dict)  # by their kind
+    # Rungs that were asked, by kind of model.
+    tried: dict[Any, list[AbstractModel]] = dataclasses.field(default_factory=dict)
     chosen: Rung | None = None
 
     @property
     def constitutive_uncertainty(self) -> float:
-        """The change that another axial law might make, by the strains that the judge meets."""
+        """The change of the answer that another axial law might make, by the strains of the
+        judge."""
         return float(self.ask(self.judge).constitutive_uncertainty)
 
     def estimate(self, model: AbstractModel) -> float:
@@ -267,7 +269,8 @@ class _Trial:
         return apart + self.left + law if np.isfinite(apart) else np.inf
 
     def look_at(self, rung: Rung, may_ask: bool) -> None:
-        """Give the verdict on a rung, which is asked only while none is chosen, and not in vain."""
+        """Give the verdict on a rung; it is asked only if none is chosen yet and `in_vain` has no
+        reason against it."""
         model = rung.model
         before = self.tried.setdefault((type(model), _stretches(model)), [])
         if may_ask and self.chosen is None and model not in self.estimates:
@@ -285,7 +288,7 @@ class _Trial:
             self.chosen = self.chosen or rung
 
     def in_vain(self, model: AbstractModel, before: list[AbstractModel]) -> str:
-        """The reason why a rung need not be asked; empty where there is none."""
+        """The reason why a rung need not be asked; empty if it has to be."""
         if why := ruled_out(model, self.beforehand, self.tolerance) or self.misses(model):
             return why
         stuck = len(before) > 1 and (
@@ -313,7 +316,7 @@ class _Trial:
         return ""
 
     def choice(self, rungs: list[Rung]) -> Choice:
-        """The choice, once all rungs were looked at."""
+        """The choice, after all rungs have a verdict."""
         estimates, verdicts = self.estimates, self.verdicts
         evidence = tuple(
             Evidence(r, estimates.get(r.model, np.nan), verdicts.get(r.model, NOT_NEEDED))
@@ -339,8 +342,8 @@ def _stretches(model: AbstractModel) -> bool:
 
 
 def _best(ask: _Asker, evidence: tuple[Evidence, ...]) -> Rung | Answer:
-    """The rung to take where none is good enough: the least estimate, else the richest that has an
-    answer; where none has one, what the richest that was asked says."""
+    """The rung to take where none is good enough: that of the least estimate, else the richest with
+    an answer, else the richest that was asked, which failed."""
     answers = [e for e in evidence if np.isfinite(e.estimate)]
     if answers:
         return min(answers, key=lambda e: e.estimate).rung

@@ -14,8 +14,8 @@ END = (0.99, 1.0)  # places x / L between which the slope at the tip is taken
 
 
 def straightened(rotor: Rotor) -> Rotor:
-    """A rotor for theories of straight beams: that of a blade with the beam that is left of it, and
-    clamped where it is on supports."""
+    """The rotor for theories of straight beams: with the straight beam of a blade, and clamped in
+    the place of supports."""
     ends = (rotor.root_support, rotor.tip_support)
     if any(end is not None for end in ends):
         rotor = dataclasses.replace(rotor, root_support=None, tip_support=None)
@@ -25,7 +25,7 @@ def straightened(rotor: Rotor) -> Rotor:
 
 
 def strained_most(rotor: Rotor) -> np.ndarray:
-    """Places x / L at which the largest strains may be: the root, and where the beam is weaker."""
+    """Places x / L at which strains may be largest: the root, and where the beam is weaker."""
     beam = rotor.beam
     return np.zeros(1) if beam.is_uniform else np.append(0.0, beside_kinks(beam.edges)[0])
 

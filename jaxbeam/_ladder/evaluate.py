@@ -47,11 +47,11 @@ def _answer(
 
 
 def answer_of(question: Question, *given: object) -> Answer:
-    """The answer to a question by the rotor, model, accuracy and size that are `given`. At first by
-    a program that is compiled quickly, unless a run in time is longer than that is worth."""
+    """The answer to a question, by rotor, model, accuracy and size that are `given`; by the quickly
+    compiled program first, unless a run is longer than that is worth."""
     short = question.within(STEPS)
     answer: Answer
-    if _answer.here(short, *given) is _answer.quick is not _answer.well:
+    if _answer.for_call(short, *given) is _answer.quick is not _answer.well:
         answer = _answer.quick(short, *given)
         if short is question or answer.status != Status.MAX_STEPS:
             return answer

@@ -29,7 +29,8 @@ SIZE = "deflection to expect"  # no parameter of the user's has this name
 
 
 class Know(eqx.Module):
-    """Facts that need no answer: the steady strain, and whether all stays in the plane."""
+    """Facts that need no answer of a model: the steady strain, and whether all motion stays in the
+    plane."""
 
     situation: Situation
 
@@ -42,7 +43,7 @@ class Know(eqx.Module):
 
 
 class Ask(eqx.Module):
-    """The function that a sweep maps over the cases: the answer of one case by `model`."""
+    """A function of one case that a sweep maps over cases: the answer by `model`."""
 
     situation: Situation
     model: AbstractModel
@@ -79,7 +80,8 @@ class Pool:
         self.found: dict[AbstractModel, Answer] = {}  # batched; status -1 where not asked
 
     def cases(self, which: np.ndarray, more: Mapping[str, np.ndarray]) -> Cases:
-        """Cases in whole chunks: other sizes would compile anew."""
+        """The cases `which`, filled up to whole chunks, since other sizes would need new
+        programs."""
         chunk = self.how["chunk"]
         filled = np.resize(which, -(-len(which) // chunk) * chunk)
         columns = {name: c[filled] for name, c in {**self.columns, **more}.items()}

@@ -76,7 +76,7 @@ class Question(eqx.Module):
     """Something to be known of a rotor: its parameters are leaves, so a batch of questions is one
     question with batched leaves."""
 
-    order: eqx.AbstractClassVar[int]  # of convergence with the number of elements
+    order: eqx.AbstractClassVar[int]  # order of convergence with the number of elements
     loads: eqx.AbstractVar[Loads]
     moving: ClassVar[bool] = True  # whether equations of motion are asked, not matrices alone
 
@@ -162,7 +162,8 @@ class _InTime(Question):
 
     def answer(self, model: AbstractModel, rotor: Rotor, accuracy: Scalar, size: Scalar) -> Answer:
         straight = straightened(rotor)
-        # What a model counts of its velocities says how much tighter its steps have to be.
+        # The model's `step_tolerance` says how much tighter its steps have to be than those of
+        # others.
         rtol = accuracy * (model.step_tolerance / AbstractModel.step_tolerance)
         atol = rtol * self.resolved(straight, size) * straight.beam.length
         controller = adaptive(rtol, atol, self.times)
@@ -370,6 +371,6 @@ class ModalFrequencies(Question):
 
 
 def checked_question(question: Question) -> Question:
-    """The argument, if it is a question; else an error that says what is."""
+    """The argument, if it is a question; raises `TypeError` otherwise."""
     check_kind("question", question, Question)
     return question

@@ -33,7 +33,7 @@ from jaxbeam._types import Real, Scalar
 from jaxbeam._vibration.stiffening import bending_at_rest, stiffening_of, timoshenko_reduction
 
 ELEMENTS = (1, 2, 4, 8, 16, 32, 64)
-DEGREES = (2, 3, 4, 6, 8, 12, 16, 24)  # of rods, which end elements where properties jump
+DEGREES = (2, 3, 4, 6, 8, 12, 16, 24)  # degrees of rods, whose elements end where properties jump
 # Error of von Karman beams over `Indicators.nonlinearity`; 0.8 to 1.2 in studies/validity.py.
 SPACE = 2.0
 
@@ -51,12 +51,12 @@ class Rung(NamedTuple):
 
 
 def space_alone(question: Question, rotor: Rotor) -> str:
-    """Parts of a question or a rotor that rods in space alone bear, in words, or nothing."""
+    """Features of a question or a rotor that only rods in space know, in words; empty for none."""
     return question.space_alone or next(iter(missing(Hybrid, rotor, moving=question.moving)), "")
 
 
 def check_answerable(question: Question, rotor: Rotor) -> None:
-    """Raise `ValueError` where rods in space are needed, and do not bear the rotor.
+    """Raise `ValueError` where only rods in space can answer, but do not know the rotor.
 
     That does not depend on numbers.
     """
@@ -119,8 +119,8 @@ def rungs_of(
 ) -> list[Rung]:
     """The rungs of a question where it is known whether all stays in the plane."""
     linear, nonlinear = chains(question, rotor, planar)
-    judged = nonlinear[0].is_reference  # else von Karman beams are there already
-    # In a cone there is `Hybrid` without stretch alone, beside rods.
+    judged = nonlinear[0].is_reference  # without it von Karman beams are among the rungs already
+    # For a cone there are only `Hybrid` without stretch and rods.
     counts = question.functions if linear and rotor.precone is None else ()
     models: list[AbstractModel] = [Classical.of_size(n, rotor, planar) for n in counts if n < 8]
     models += [*linear, *nonlinear]
@@ -134,7 +134,7 @@ def rungs_of(
 
 
 def _suited(model: AbstractModel, question: Question, rotor: Rotor) -> AbstractModel:
-    """A model of the user's as it suits a rotor, if it bears that."""
+    """A user's model as it suits a rotor, if it can answer the question."""
     model, rotor, _ = checked_case(model, rotor)
     check_supported(model, rotor, question.loads, moving=question.moving)
     return model
@@ -174,8 +174,9 @@ class Indicators(eqx.Module):
 
 @Program
 def indicators(question: Question, rotor: Rotor) -> Indicators:
-    """Indicators without size and slope, which are infinite until a linear theory has said them."""
-    # Of a beam in a cone as if it lay in the plane, where the tension is no less.
+    """The indicators of a question and rotor, with size and slope infinite until a linear theory
+    has answered."""
+    # Indicators of a coned beam are those of one in the plane, whose tension is no less.
     rotor = straightened(rotor)
     rotor = eqx.tree_at(lambda r: r.precone, rotor, None, is_leaf=lambda x: x is None)
     speed = question.speed()
@@ -210,13 +211,14 @@ def judges(nonlinear: list[AbstractModel], rotor: Rotor) -> list[AbstractModel]:
     coarse = 2
     by_elements = nonlinear[0].is_reference and not isinstance(nonlinear[0], SpatialRod)
     if rotor.varies and by_elements:
-        coarse = sum(n < 4 for n in sizes_for(rotor))  # which may begin with ten
+        # Index of the first number of elements of four or more.
+        coarse = sum(n < 4 for n in sizes_for(rotor))
     return nonlinear[min(coarse, len(nonlinear) - 2) :]
 
 
 def ruled_out(model: AbstractModel, beforehand: Indicators, tolerance: float) -> str:
-    """The reason why a model need not be tried: a tenth of what it leaves out as a rule
-    (`studies/validity.py`; of a mode, its share) is too much. Empty where there is none."""
+    """The reason why a model need not be tried: a tenth of its typical error
+    (`studies/validity.py`; of a mode, its share) exceeds the tolerance. Empty if there is none."""
     if model.is_reference:
         return ""
     ratio, size, slope, strain = (
@@ -241,16 +243,13 @@ def ruled_out(model: AbstractModel, beforehand: Indicators, tolerance: float) ->
 
 
 def left_out_by(judge: AbstractModel, beforehand: Indicators) -> float:
-    """The error that a judge may have however fine it is."""
+    """The error that a judge may have however many elements it has."""
     return 0.0 if judge.is_reference else SPACE * float(beforehand.nonlinearity)
 
 
 def convergence_factor(question: Question, rotor: Rotor, judge: AbstractModel) -> float:
-    """Share of the difference between two rungs that the finer may be off: twice what the order of
-    convergence says, elements being halved. With a kink of a property within elements the order is
-    three at most, with a step one: then the differences to come add up to the last one. Errors of
-    rods fall faster than with any order, where properties have no kinks; with many such by fits and
-    starts, so that the difference before the last one counts as well."""
+    """The share of the difference between two rungs that the error of the finer one may be: twice
+    what the order of convergence says for half the length of elements."""
     order = question.order
     if isinstance(judge, SpatialRod):
         return float(2.0 ** (1 - order)) if len(sections_of(rotor.beam).edges) <= 2 else 1.0

@@ -31,14 +31,15 @@ from jaxbeam._sweeps.cases import Cases, checked_cases
 from jaxbeam._sweeps.table import Table, as_table
 
 _SAFETY = 1.5
-_RATIO = 0.25  # error over distance from the rung below, where nothing is known of it
-_NOISE = 0.1  # of the tolerance: differences below mean nothing
-_SMALL = 0.1  # of the tolerance: what linear theory leaves out means nothing at a reach below
-_START = 0.5  # of the tolerance, which the usual error of the first rung to ask may be
+# Ratio of a rung's error to its distance from the rung below, where nothing else is known.
+_RATIO = 0.25
+_NOISE = 0.1  # differences below this share of the tolerance count as noise
+_SMALL = 0.1  # nonlinearity over the tolerance up to which linear theory itself counts as exact
+_START = 0.5  # typical error of the first rung that is asked, over the tolerance
 
 
 class _Chain(NamedTuple):
-    """Answers of representatives about a chain of models.
+    """Errors of a chain of models, calibrated by answers of representative cases.
 
     The error of rung k is `ratio[k]` times its distance from rung k - 1, at least `floor[k]`; plus
     `theory` times `Indicators.nonlinearity`, up to the nonlinearity `limit`; plus `noise` of
@@ -54,7 +55,7 @@ class _Chain(NamedTuple):
     noise: float
 
     def left_out(self, nonlinearity: np.ndarray) -> np.ndarray:
-        """The error of the theory itself at a deflection, which no finer rung mends."""
+        """The error of the theory itself at a deflection, which finer rungs do not reduce."""
         finite = np.isfinite(nonlinearity) | (self.theory == 0)
         inside = self.theory * np.where(np.isfinite(nonlinearity), nonlinearity, 0.0)
         return np.where(finite & (nonlinearity <= self.limit), inside, np.inf)
@@ -152,7 +153,7 @@ def _blank(n: int, m: int) -> dict[str, np.ndarray]:
 
 
 def _example(situation: Situation, cases: Cases) -> Example:
-    """Rotor and question of the first case, which show of what kind all are; without numbers where
+    """Rotor and question of the first case, as an example of the kind of all; without numbers where
     its own are out of range."""
     number = jax.ShapeDtypeStruct((), jnp.result_type(float))
     out = eqx.filter_eval_shape(situation, **dict.fromkeys(cases.columns, number))
@@ -173,7 +174,7 @@ def _swept(
     pool: Pool, example: Example, cases: np.ndarray, strain: np.ndarray, planar: bool,
     tolerance: float, representatives: int,
 ) -> dict[str, np.ndarray]:  # fmt: skip
-    """Results of these cases, which all stay in the plane or all do not."""
+    """Results of these cases, which either all stay in the plane or all do not."""
     rotor, question = example
     linear, nonlinear = chains(question, rotor, planar)
     elements = judges(nonlinear, rotor)
@@ -238,7 +239,7 @@ def _representatives(
     """Places in `cases` far from each other in the ranks of parameters and of nonlinearity, the
     most nonlinear first: each is the one that is farthest from all before it."""
     columns = [c[cases][fine] for c in pool.columns.values()]
-    columns += 2 * [nonlinearity[fine]]  # which counts twice
+    columns += 2 * [nonlinearity[fine]]  # nonlinearity, with twice the weight of a parameter
     ranks = [np.unique(c, return_inverse=True)[1].astype(float) for c in columns]
     place = np.stack([r / max(r.max(), 1.0) for r in ranks], 1)
     chosen = [int(np.argmax(np.where(np.isfinite(nonlinearity[fine]), nonlinearity[fine], -1.0)))]
@@ -331,7 +332,7 @@ def _chain(
 
 
 def _noise(pool: Pool, sample: np.ndarray, model: AbstractModel, fine: np.ndarray) -> float:
-    """How much answers change where integration is ten times tighter."""
+    """The change of answers when integration is ten times as accurate."""
     if not fine.any():
         return 0.0
     tight = pool.ask(model, sample[fine], 0.1)

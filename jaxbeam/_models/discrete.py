@@ -44,8 +44,8 @@ class _Discrete(AbstractModel[SpringRotor]):
     def displacement(
         self, xi: Float[np.ndarray, " p"], rotor: SpringRotor
     ) -> Float[Array, "3 p n"]:
-        """Displacement of the particle, whatever xi is, to first order; theta counts as metres of y
-        / L."""
+        """Displacement of the particle to first order, for any xi; an angle theta moves it across
+        by L theta."""
         one = jnp.ones(np.asarray(xi).size)
         zero = jnp.zeros((*one.shape, 2))
         return jnp.stack([zero.at[:, 0].set(one), zero.at[:, 1].set(one), zero])
@@ -56,7 +56,7 @@ class _Discrete(AbstractModel[SpringRotor]):
 
 StrainLaw = Callable[
     [SpringRotor, Vector], tuple[Scalar, Scalar]
-]  # stretch and angle of the springs
+]  # strains of both springs: stretch, and angle
 
 
 class _Particle(Equations):
@@ -208,12 +208,13 @@ class _LinearPolar(_Polar):
         along = spin**2 * (d + length + q[0]) + 2 * length * spin * v[1] - rate * d * q[1]
         across = rate * (length * (length + d) + (2 * length + d) * q[0])
         across = across + 2 * length * spin * v[0] + d * length * spin**2 * q[1]
-        # The work of a force along x, y at s, theta, to first order.
+        # Generalised forces, by s and theta, of a force along x and y, to first order in both.
         pull = push[0] + push[1] * q[1], length * (push[1] - push[0] * q[1]) + push[1] * q[0]
         return jnp.stack([m * along + pull[0], pull[1] - m * across]) - elastic
 
     def place(self, q: Vector) -> Float[Array, " 2"]:
-        """Place of second order, as the kinetic energy behind the linear equations has it."""
+        """Displacements x, y to second order, with which the kinetic energy gives the linear
+        equations."""
         length = self.rotor.length
         return jnp.stack([q[0] - length * q[1] ** 2 / 2, (length + q[0]) * q[1]])
 

@@ -29,36 +29,36 @@ from jaxbeam._rotor.motion import spinning
 from jaxbeam._rotor.span import section_inertia, tension
 from jaxbeam._types import Number, Scalar, Vector
 
-MOST = 6  # modes of a direction that are found this way; of axial ones half as many
-ModeCounts = tuple[int, int, int, int]  # of each `Direction`
+MOST = 6  # modes of a direction that can be searched by bands; half as many axial ones
+ModeCounts = tuple[int, int, int, int]  # numbers of modes of each `Direction`
 About = tuple[Vector | None, Array]  # the steady state of elements, and whether the case is OK
 _BandForms = tuple[Complex[Array, " k"], Complex[Array, " k"], Complex[Array, " k"]]
 
 
 class Lowest(NamedTuple):
-    """Modes, and the strain of the steady state at the root."""
+    """Modes, and the steady state that they are about."""
 
     entries: Entries
-    strain: Scalar
-    state: Vector | None  # of elements: coordinates in steady rotation
+    strain: Scalar  # axial, at the root
+    state: Vector | None  # coordinates of elements; None of `Hybrid`, whose beam is undeformed
 
 
 class Bands(abc.ABC):
-    """The questions that a model answers whose matrices are bands."""
+    """Searches of modes and derivatives of eigenvalues for a model whose matrices are bands."""
 
     has_forms: bool
 
     @abc.abstractmethod
     def lowest(self, rotor: Rotor, speed: Scalar, named: Named) -> Lowest:
-        """The modes wanted, as far as they are certain; for batches, without derivatives."""
+        """The modes wanted, marked where they are not certain; without derivatives."""
 
     def forms(
         self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], about: About
     ) -> _BandForms:
-        """x^T S M x, x^T S G x and x^T S K x of vectors, differentiable, where `has_forms`: where
-        that takes less than the matrices. S is 1 on w and -1 on u."""
-        # A sound beam at rest takes the place of one that failed, whose derivatives would spoil
-        # those of other cases by parameters that they share.
+        """The forms x^T S M x, x^T S G x and x^T S K x of k vectors, differentiable; S is 1 on w
+        and -1 on u. Only of bands with `has_forms`, for which they cost less than the matrices."""
+        # A harmless beam at rest takes the place of a case that failed, whose NaN would spoil
+        # gradients by parameters that other cases share.
         state, ok = about
         speed, state = jax.tree.map(lambda a: jnp.where(ok, a, 0.0), (speed, state))
         return self._forms(harmless(ok, rotor), speed, x, state)
@@ -67,13 +67,13 @@ class Bands(abc.ABC):
     def _forms(
         self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], state: Vector | None
     ) -> _BandForms:
-        """The forms of a sound beam, about its steady state."""
+        """The forms of `forms` for a case that did not fail."""
 
 
 @functools.lru_cache(maxsize=64)
 def bands_of(model: AbstractModel, most: ModeCounts, count: int) -> Bands | None:
-    """Bands for up to `most` modes of each direction, `count` in all; None where matrices are no
-    bands, or too small for that many."""
+    """Bands for up to `most` modes of each direction, `count` in all; None for models whose
+    matrices are no bands or too small, and for more modes than `MOST`."""
     bands = model.bands()
     axial, in_plane, flap, _ = most
     if max(2 * axial, in_plane, flap) > MOST or in_plane == 0:
@@ -86,17 +86,17 @@ def bands_of(model: AbstractModel, most: ModeCounts, count: int) -> Bands | None
 
 
 class _Numbers(NamedTuple):
-    """The numbers that modes in units of the beam depend on."""
+    """The numbers that modes depend on, in units of length, mass and EI_zz of the beam."""
 
-    speed: Number  # over sqrt(EI_zz / (rho L^4))
+    speed: Number  # speed over sqrt(EI_zz / (rho L^4))
     hub: Number  # R / L
     tip: Number  # m_t / (rho L)
     softness: Number  # EI_zz / (EA L^2)
     flap: Number  # EI_yy / EI_zz
     rotary: tuple[Number, ...] | None  # E_22 and E_33 of sections, over rho L^2
 
-    def tense(self, bending: Any) -> list[Any]:
-        """Weights of the tables of stiffness of what bends under tension."""
+    def stiffness_weights(self, bending: Any) -> list[Any]:
+        """Weights of stiffness tables: of bending, and the three of tension."""
         return [bending, *tension(self.speed**2, self.hub, self.tip)]
 
 
@@ -112,7 +112,7 @@ def _numbers(rotor: Rotor, speed: Number) -> _Numbers:
 
 
 class _Terms(NamedTuple):
-    """Numbers of the tables that matrices are made of, and their weights."""
+    """The tables of `BandTables` that each matrix is a sum of: weights by number of the table."""
 
     stiffness: dict[int, Any]
     mass: dict[int, Any]
@@ -120,21 +120,21 @@ class _Terms(NamedTuple):
 
 
 def _in_plane(numbers: _Numbers) -> _Terms:
-    """Weights of the nine tables of `BandTables` in the plane."""
+    """Weights of the nine in-plane tables of `BandTables`."""
     g, tip = numbers.speed, numbers.tip
-    bending, *pulls = numbers.tense(1.0)
-    stiffness = {0: bending, 1: 1 / numbers.softness, **dict(enumerate(pulls, 2))}
+    bending, *tensions = numbers.stiffness_weights(1.0)
+    stiffness = {0: bending, 1: 1 / numbers.softness, **dict(enumerate(tensions, 2))}
     mass: dict[int, Any] = {5: 1.0, 6: tip}
     coriolis = {7: 2 * g, 8: 2 * g * tip}
     stiffness |= {table: -(g**2) * weight for table, weight in mass.items()}
-    if numbers.rotary is not None:  # which the speed does not change in the plane
+    if numbers.rotary is not None:  # no centrifugal stiffness: in plane the speed adds none
         mass |= {2: numbers.rotary[0]}
     return _Terms(stiffness, mass, coriolis)
 
 
 def _out_of_plane(numbers: _Numbers) -> _Terms:
-    """Weights of the six other tables."""
-    stiffness = dict(enumerate(numbers.tense(numbers.flap)))
+    """Weights of the six flap tables of `BandTables`."""
+    stiffness = dict(enumerate(numbers.stiffness_weights(numbers.flap)))
     mass = {4: 1.0, 5: numbers.tip}
     if numbers.rotary is not None:
         stiffness[1] = stiffness[1] - numbers.speed**2 * numbers.rotary[1]
@@ -143,14 +143,14 @@ def _out_of_plane(numbers: _Numbers) -> _Terms:
 
 
 def _summed(tables: Sequence[Any], weights: dict[int, Any], like: Array) -> Array:
-    """Weighted sum of some tables, with axes of lanes behind their own."""
+    """The sum of tables with weights by their number; it has the lanes of `like` last."""
     beside_lanes = [append_axes(tables[table], like.ndim) for table in weights]
     weighted = [a * jnp.ones_like(like) for a in weights.values()]
     return combined(jnp.stack(beside_lanes, -1 - like.ndim), weighted)
 
 
 def _guessed(few: Float[Array, "m k *lanes"], functions: np.ndarray) -> Float[Array, "k n *lanes"]:
-    """Modes in a few functions, by the values of these at coordinates."""
+    """Modes in n coordinates from modes in m functions, which are the columns of `functions`."""
     columns = append_axes(functions, few.ndim - 2)
     return jax.lax.map(
         lambda mode: functools.reduce(jnp.add, [columns[:, i] * c for i, c in enumerate(mode)]),
@@ -159,24 +159,24 @@ def _guessed(few: Float[Array, "m k *lanes"], functions: np.ndarray) -> Float[Ar
 
 
 def _bending(numbers: _Numbers, ratio: Any, spin2: Any, softness: Any) -> tuple[Any, ...]:
-    """Arguments of `Ritz.guess`: `ratio` is that of the bending stiffness to the one in plane, and
-    `softness` that of the axial motion which follows the Coriolis force."""
+    """Arguments of `Ritz.guess`: `ratio` is that of bending stiffness to EI_zz, `softness` EI_zz /
+    (EA L^2) for axial motion that follows the Coriolis force, zero without."""
     one = jnp.ones_like(numbers.speed)
     return (
-        [a * one for a in numbers.tense(ratio)], numbers.tip * one, spin2 * one,
+        [a * one for a in numbers.stiffness_weights(ratio)], numbers.tip * one, spin2 * one,
         4 * numbers.speed**2 * softness * one,
     )  # fmt: skip
 
 
-def _pulls(numbers: _Numbers, count: int, values: np.ndarray) -> Guess:
-    """Axial modes, by the values of polynomials at coordinates."""
+def _axial_guess(numbers: _Numbers, count: int, values: np.ndarray) -> Guess:
+    """Guesses of `count` axial modes in coordinates, which `values` makes of polynomials."""
     mu, x = ritz.axial(count).guess(values, numbers.tip * jnp.ones_like(numbers.speed))
     omega = jnp.sqrt(mu / numbers.softness - numbers.speed**2)
     return Guess(omega, jnp.swapaxes(x, 0, 1))
 
 
 class _Polynomials(Bands):
-    """The bands of `Hybrid`, as tables."""
+    """Bands of `Hybrid`, whose matrices are sums of constant tables."""
 
     has_forms = True
 
@@ -187,11 +187,11 @@ class _Polynomials(Bands):
         self.signs = np.where(self.is_axial, -1.0, 1.0)
         self.most, self.count = most, count
         self.order, self.to_model = bands.order, np.argsort(bands.order)
-        # Without stretch there is no coupling, nor the softness that would drag along.
+        # Without stretch functions bending is not coupled with axial motion.
         self.stretch = int(np.sum(self.is_axial))
         self.n_flap = len(bands.flap[0]) if bands.flap else 0
-        self.across = _at(bands.places, _unit(n - self.stretch), n)
-        self.along = _at(np.flatnonzero(self.is_axial), _unit(self.stretch), n)
+        self.across = _placed(bands.places, _unit(n - self.stretch), n)
+        self.along = _placed(np.flatnonzero(self.is_axial), _unit(self.stretch), n)
         self.whole, self.flap = _wide(tables), _wide(bands.flap)
         self.diagonals = max(width_of(*tables), width_of(*bands.flap))
         self.shares = self._sums(bands)
@@ -199,26 +199,25 @@ class _Polynomials(Bands):
 
     @functools.cached_property
     def few(self) -> ritz.Ritz:
-        """A few functions to guess modes with, made for the first batch: a single case does
-        without."""
+        """Functions for guesses of modes, computed at the first batch: single cases need none."""
         return ritz.bending(max(self.most[Direction.IN_PLANE], self.most[Direction.FLAP]))
 
-    def _bends(self, guess: tuple[Array, Array], count: int, polynomials: np.ndarray) -> Guess:
-        """The first `count` of the guessed modes, by coordinates of these polynomials."""
+    def _bending_guess(self, guess: tuple[Array, Array], count: int, rows: np.ndarray) -> Guess:
+        """The first `count` guessed modes in coordinates, which `rows` makes of polynomials."""
         omega, few = guess
-        functions = polynomials @ self.few.functions
+        functions = rows @ self.few.functions
         return Guess(omega[:count], _guessed(few[:, :count], functions))
 
     def _sums(self, bands: BandTables) -> Float[np.ndarray, "mn t"]:
-        """x^T S T x of each table T as sums over products x_i x_(i + m)."""
+        """A matrix that makes x^T S T x, for each of t tables T, of the products x_i x_(i + m)."""
         size = len(self.order)
         out = []
         for i, table in enumerate((*bands.in_plane, *bands.flap)):
             first = 0 if i < 9 else len(self.signs)
-            whole = np.zeros((size, size))
-            whole[first : first + len(table), first : first + len(table)] = table
+            padded_table = np.zeros((size, size))
+            padded_table[first : first + len(table), first : first + len(table)] = table
             signs = np.append(self.signs, np.ones(size - len(self.signs)))
-            left = whole * signs[:, None] if i < 7 else whole
+            left = padded_table * signs[:, None] if i < 7 else padded_table
             columns = band(left, self.diagonals).T
             columns[1:] *= 2
             out.append(columns.ravel())
@@ -231,39 +230,39 @@ class _Polynomials(Bands):
         return Lowest(found._replace(omega=omega, x=x), rotor.steady_strain(speed), None)
 
     def _search(self, numbers: _Numbers, named: Named) -> Entries:
-        g, (n_pulls, n_bends, n_flaps, _) = numbers.speed, self.most
-        inside_guess, flap_guess = self._guess(numbers)
+        g, (n_axial, n_in_plane, n_flap, _) = numbers.speed, self.most
+        in_plane_guess, flap_guess = self._guess(numbers)
         terms = _in_plane(numbers)[: 3 if self.stretch else 2]
-        inside = Pencil(*(_summed(self.whole, weights, g) for weights in terms))
-        bends = self._bends(inside_guess, n_bends, self.across)
+        in_plane = Pencil(*(_summed(self.whole, weights, g) for weights in terms))
+        bending = self._bending_guess(in_plane_guess, n_in_plane, self.across)
         if self.stretch:
-            pulls = _pulls(numbers, n_pulls, self.along)
+            axial = _axial_guess(numbers, n_axial, self.along)
             count = min(self.count, len(self.signs))
-            groups = [coupled_modes(inside, self.is_axial, bends, pulls, named, count)]
+            groups = [coupled_modes(in_plane, self.is_axial, bending, axial, named, count)]
         else:
-            groups = [transverse(inside, Direction.IN_PLANE, bends)]
-        if n_flaps:
+            groups = [transverse(in_plane, Direction.IN_PLANE, bending)]
+        if n_flap:
             terms = _out_of_plane(numbers)[:2]
             flap = Pencil(*(_summed(self.flap, weights, g) for weights in terms))
-            guess = self._bends(flap_guess, n_flaps, _unit(self.n_flap))
+            guess = self._bending_guess(flap_guess, n_flap, _unit(self.n_flap))
             groups.append(transverse(flap, Direction.FLAP, guess))
         return chosen(groups, named, self.count, len(self.to_model))
 
     def _guess(self, numbers: _Numbers) -> Any:
-        """Guesses of bending in plane and, side by side with it, of flap."""
+        """Guesses of bending in plane and in flap, both computed together; None without flap."""
         softness = numbers.softness if self.stretch else 0.0
-        inside = _bending(numbers, 1.0, numbers.speed**2, softness)
+        in_plane = _bending(numbers, 1.0, numbers.speed**2, softness)
         if not self.most[Direction.FLAP]:
-            return self.few.guess(*inside), None
+            return self.few.guess(*in_plane), None
         flap = _bending(numbers, numbers.flap, 0.0, 0.0)
-        both = jax.tree.map(lambda *each: jnp.stack(each), inside, flap)
+        both = jax.tree.map(lambda *each: jnp.stack(each), in_plane, flap)
         omega, few = self.few.guess(*both)
         return (omega[:, 0], few[:, :, 0]), (omega[:, 1], few[:, :, 1])
 
     def _forms(
         self, rotor: Rotor, speed: Scalar, x: Complex[Array, "k n"], state: Vector | None
     ) -> _BandForms:
-        # x_i x_(i + m) of all that is not zero in any of the tables.
+        # Products x_i x_(i + m) for all diagonals m of the tables.
         beyond = jnp.pad(x[:, self.order], ((0, 0), (0, self.diagonals)))
         pairs = [x[:, self.order] * beyond[:, m : m + x.shape[1]] for m in range(self.diagonals)]
         every = jnp.concatenate(pairs, 1)
@@ -284,16 +283,16 @@ class _Polynomials(Bands):
 
 
 def _wide(tables: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Bands of different widths as bands of one width."""
+    """The band arrays of symmetric matrices, all of the width of the widest."""
     width = width_of(*tables)
     return [band(table, width) for table in tables]
 
 
-_RotorAtSpeed = tuple[Rotor, Scalar]  # and its speed
+_RotorAtSpeed = tuple[Rotor, Scalar]  # a rotor and its speed
 
 
 class _Elements(Bands):
-    """The bands of elements, whose coordinates are ordered node by node."""
+    """Bands of finite elements, whose coordinates are ordered node by node."""
 
     def __init__(
         self, model: AbstractModel, bands: NodeByNode, most: ModeCounts, count: int
@@ -303,10 +302,10 @@ class _Elements(Bands):
         nodes, basis = np.linspace(0.0, 1.0, n + 1), Polynomials()
         self.signs = np.tile([1.0, 1.0, -1.0, -1.0], n + 1)
         self.is_axial = self.signs[3:] < 0
-        across, along = (_at_nodes(of(ritz.DEGREE, nodes)) for of in (basis.bending, basis.stretch))
+        across, along = (_at_nodes(f(ritz.DEGREE, nodes)) for f in (basis.bending, basis.stretch))
         size = len(self.is_axial)
-        self.across = _at(np.flatnonzero(~self.is_axial), across[2:], size)
-        self.along = _at(np.flatnonzero(self.is_axial), along[1:], size)
+        self.across = _placed(np.flatnonzero(~self.is_axial), across[2:], size)
+        self.along = _placed(np.flatnonzero(self.is_axial), along[1:], size)
         self.search = kernel(self._search)
         self.has_forms = bands.depends_on_four
         self.unit_forms = ElementForms(model, self.signs[3:])
@@ -331,65 +330,66 @@ class _Elements(Bands):
         q, (k, c), steady = _steady(equations, speed)
         few, scale = ritz.bending(self.most[Direction.IN_PLANE]), rotor.beam.frequency_scale
         omega, modes = few.guess(*_bending(numbers, 1.0, numbers.speed**2, numbers.softness))
-        bends = Guess(scale * omega, _guessed(modes, self.across @ few.functions))
-        pulls = _pulls(numbers, self.most[Direction.AXIAL], self.along)
-        pulls = pulls._replace(omega=scale * pulls.omega)
+        bending = Guess(scale * omega, _guessed(modes, self.across @ few.functions))
+        axial = _axial_guess(numbers, self.most[Direction.AXIAL], self.along)
+        axial = axial._replace(omega=scale * axial.omega)
         pencil = self._pencil(equations.mass, k, c)
-        found = coupled_modes(pencil, self.is_axial, bends, pulls, named, self.count)
+        found = coupled_modes(pencil, self.is_axial, bending, axial, named, self.count)
         root = jnp.stack([jnp.zeros_like(q[0]), q[0] / equations.length])[:, None]
         strain = element.strain(root)[0]
         return found._replace(certain=found.certain * steady), strain, q
 
     def _pencil(self, mass: Any, k: BlockTridiagonal, c: BlockTridiagonal) -> Pencil:
         m = jnp.broadcast_to(mass.rows, k.rows.shape)
-        # Quadrature: rows of w and of u see the Coriolis force with opposite signs.
+        # Since u moves in quadrature to w, signs of the Coriolis rows of u are changed.
         signed = c.rows * append_axes(self.signs.reshape(-1, 4, 1), k.rows.ndim - 3)
         return Pencil(*(_banded(rows) for rows in (k.rows, m, signed)))
 
 
 def _steady(equations: Equations, speed: Number) -> tuple[Vector, Any, Number]:
-    """The steady state by Newton's method, the tangents there, and whether it was found."""
+    """The steady state by Newton's method, tangents K and C there, and whether it converged."""
     size, hub = jnp.broadcast_to(equations.length, speed.shape), spinning(speed)
 
     def go_on(state: tuple[Any, ...]) -> Array:
         return (state[0] < 21) & jnp.any(state[3] < 1)
 
     def improve(state: tuple[Any, ...]) -> tuple[Any, ...]:
-        # In its last turn nothing moves: so tangents are those of where it ended.
+        # A case that has converged stays in place, so that tangents are those at its state.
         i, q, near, _, _ = state
         rest = jnp.zeros_like(q)
         k, c = equations.tangents(hub, q, rest, None)
         step = k.inverse() @ equations.force(hub, q, rest, None)
         square = pairwise_sum(step**2) / size**2
         small, tiny = (jnp.where(square < most**2, 1.0, 0.0) for most in (1e-9, 1e-15))
-        there = jnp.maximum(near, tiny)
-        return i + 1, jnp.where(there < 1, q + step, q), jnp.maximum(near, small), there, (k, c)
+        ended = jnp.maximum(near, tiny)
+        q = jnp.where(ended < 1, q + step, q)
+        return i + 1, q, jnp.maximum(near, small), ended, (k, c)
 
     zero = jnp.zeros((equations.mass.shape[0], *speed.shape), speed.dtype)
-    none = jnp.zeros_like(speed)
+    zeros = jnp.zeros_like(speed)
     like = jax.eval_shape(equations.tangents, hub, zero, zero, None)
     nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), like)
-    state: tuple[Any, ...] = (jnp.zeros((), int), zero, none, none, nothing)
+    state: tuple[Any, ...] = (jnp.zeros((), int), zero, zeros, zeros, nothing)
     _, q, _, done, tangents = jax.lax.while_loop(go_on, improve, state)
     return q, tangents, done
 
 
 def _unit(n: int) -> Float[np.ndarray, "n d"]:
-    """Coordinates of the polynomials in which functions are given: one each."""
+    """The matrix from polynomials of guesses to coordinates of n such polynomials."""
     return np.eye(n, ritz.DEGREE)
 
 
-def _at(places: Int[np.ndarray, " m"], rows: Float[np.ndarray, "m d"], size: int) -> np.ndarray:
-    """Rows at their places among `size`, which are zero else."""
+def _placed(places: Int[np.ndarray, " m"], rows: Float[np.ndarray, "m d"], size: int) -> np.ndarray:
+    """A matrix of `size` rows with these rows at their places, and zeros elsewhere."""
     out = np.zeros((size, rows.shape[1]))
     out[places] = rows
     return out
 
 
-def _at_nodes(at: Functions) -> np.ndarray:
-    """Values and slopes of functions, node by node."""
-    both = np.stack([at.value, at.slope], 1)
-    return both.reshape(-1, both.shape[-1])
+def _at_nodes(functions: Functions) -> np.ndarray:
+    """Values and slopes of functions at nodes, as rows in the order of coordinates of nodes."""
+    rows = np.stack([functions.value, functions.slope], 1)
+    return rows.reshape(-1, rows.shape[-1])
 
 
 def _banded(rows: Float[Array, "k 4 12 *lanes"]) -> Band:

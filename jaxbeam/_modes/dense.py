@@ -1,4 +1,4 @@
-"""All modes of small motion by dense eigenproblems, one case at a time: for whatever there is."""
+"""Modes of small motion of any system by dense eigenproblems, one case at a time."""
 
 import dataclasses
 import functools
@@ -23,26 +23,28 @@ from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status, first_broken, first_failure
 
 _Directions = tuple[Direction, ...]
-_MORE = 2  # modes beyond those wanted that are found with them
-_CLEAR = 0.5  # share of the kinetic energy that one uncoupled mode has more of than all others
-_SPREAD = 300.0  # between the lowest frequency and the highest, of which the square costs digits
-ROUNDING = 1e-3  # what rounding may change a frequency by, relative, where that is OK
-TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
+_MORE = 2  # modes that are computed beyond those wanted
+_CLEAR = 0.5  # share of kinetic energy in an uncoupled mode beyond which its label is certain
+_SPREAD = 300.0  # ratio of frequencies beyond which squaring a matrix costs too many digits
+ROUNDING = 1e-3  # relative error of a frequency by rounding up to which the status is OK
+TOLERANCE = 5e6  # largest residual in units of rounding: 1e-9 in double precision
 
 
 def dense_modes(
     system: LinearSystem, wanted: Wanted, loose: Bool[Array, " 4"] | None = None, free: int = 0
 ) -> Modes:
-    """The modes wanted, whether or not the steady state is stable, with numbers where there are
-    any. At a root that yields, so that so many motions may be `free`, `loose` says in which
-    directions nothing may hold it: there a frequency may be zero, elsewhere one of zero is lost in
-    rounding."""
+    """The modes wanted of a system, stable or not, and their status.
+
+    Up to `free` motions may have no stiffness, where the root yields. `loose` says in which
+    directions it has a free hinge: there a frequency may be zero; in others a frequency of zero is
+    one lost in rounding, and `INACCURATE`.
+    """
     chosen = _chosen(system, wanted, free)
     eigenvalue, shape = chosen.eigenvalue, chosen.shape
     matrices = (system.mass, system.by_rates, system.stiffness)
     residual = _residual(matrices, eigenvalue, shape)
     tolerance = TOLERANCE * jnp.finfo(residual.dtype).eps
-    accurate = residual.max() <= tolerance  # NaN is not
+    accurate = residual.max() <= tolerance  # false for NaN
     if chosen.rounding is not None:
         accurate &= chosen.rounding.max() <= ROUNDING
     if loose is not None:
@@ -63,7 +65,7 @@ def dense_modes(
 def energy_share(
     mass: Float[Array, "n n"], shape: Complex[Array, "k n"], directions: tuple[Direction, ...]
 ) -> Float[Array, "k 4"]:
-    """Share of the kinetic energy that is in each `Direction`."""
+    """Share of the kinetic energy of each of k modes that is in each `Direction`."""
     kinetic = (shape.conj() * (shape @ mass)).real
     share = kinetic @ (np.array(directions)[:, None] == np.array(Direction)[None]).astype(
         mass.dtype
@@ -79,100 +81,102 @@ class _Chosen(NamedTuple):
     direction: Array
     number: Array
     positive: Array  # whether the axial stiffness is positive definite
-    finite: Array  # whether all modes that there are were found
-    rounding: Float[Array, " k"] | None  # what it may do to each
+    finite: Array  # whether all modes of the system were found
+    rounding: Float[Array, " k"] | None  # relative errors by rounding; None: small
 
 
 def _chosen(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
-    """The modes wanted: the lowest few of a conservative system alone, if they can be told apart,
-    else out of all that there are."""
+    """The modes wanted: of a conservative system of one group only the lowest few are computed, if
+    their labels are certain, else all modes."""
     one_group = system.general and system.conservative and len(system.coupling) == 1
     few = one_group and wanted.named is None and 4 * wanted.count <= len(system.directions)
     if not few:
         return _chosen_of_all(system, wanted, free)
 
-    def one(m: Array, c: Array, k: Array, *along: Array) -> _Chosen:
-        here = dataclasses.replace(
+    def lowest_of(m: Array, c: Array, k: Array, *along: Array) -> _Chosen:
+        case = dataclasses.replace(
             system, mass=m, gyroscopic=c, stiffness=k, taken_along=along[0] if along else None
         )
-        return _lowest(here, wanted, free)
+        return _lowest(case, wanted, free)
 
     along = () if system.taken_along is None else (system.taken_along,)
-    chosen: _Chosen = one_by_one(one)(system.mass, system.gyroscopic, system.stiffness, *along)
+    chosen: _Chosen = one_by_one(lowest_of)(
+        system.mass, system.gyroscopic, system.stiffness, *along
+    )
     return chosen
 
 
-class _Parts(NamedTuple):
-    """A coupling group as parts: its coordinates `rows`, direction by direction, and its
-    matrices."""
+class _GroupMatrices(NamedTuple):
+    """The matrices of one coupling group, its coordinates ordered by direction."""
 
-    rows: np.ndarray
+    rows: np.ndarray  # places of these coordinates among all of the system
     directions: list[Direction]
-    sizes: list[int]
+    sizes: list[int]  # number of coordinates of each direction
     m: Array
     by_rates: Array
     k: Array
-    taken_along: Array | None
+    taken_along: Array | None  # see `LinearSystem`
 
     @classmethod
-    def of(cls, system: LinearSystem, transverse: _Directions, axial: _Directions) -> "_Parts":
+    def taken(
+        cls, system: LinearSystem, transverse: _Directions, axial: _Directions
+    ) -> "_GroupMatrices":
+        """The part of a system in the directions of one coupling group."""
         every = dict.fromkeys(transverse + axial)
         directions = [direction for direction in every if system.where(direction).size]
         rows = system.where(*directions)
-        own = np.ix_(rows, rows)
-        m, c, k = (a[own] for a in (system.mass, system.by_rates, system.stiffness))
+        block = np.ix_(rows, rows)
+        m, c, k = (a[block] for a in (system.mass, system.by_rates, system.stiffness))
         sizes = [system.where(direction).size for direction in directions]
-        along = None if system.taken_along is None else system.taken_along[own]
+        along = None if system.taken_along is None else system.taken_along[block]
         return cls(rows, directions, sizes, m, c, k, along)
 
     def uncoupled(self, k: Array, free: int, bent: bool) -> Array:
-        """M v of the uncoupled modes, with this stiffness."""
+        """The products M v of the uncoupled modes v of a stiffness K (see `labelling.py`)."""
         return uncoupled(
             self.m, k, self.directions, self.sizes, free, bent, taken_along=self.taken_along
         )
 
 
 def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
-    """The lowest modes of a conservative system of one group: alone, where it is stable and each
-    bears a label for certain, else out of all.
+    """The lowest modes of a conservative system of one group. Only these are computed if the system
+    is stable and their labels are certain, else all are.
 
-    One does if more than half of its kinetic energy is in an uncoupled mode of which less than half
-    is in modes that were not found.
+    The label of a mode is certain if more than half of its kinetic energy is in one uncoupled mode,
+    and less than half of that one is in modes that were not computed.
     """
-    parts, count = _Parts.of(system, *system.coupling[0]), wanted.count
-    m, c, k = parts[3:6]
-    lam, x, moving, stable = lowest_by_skew(m, c, k, count + _MORE)
-    heavy = parts.uncoupled(symmetric_part(k), free, bent=True)
-    share = participation(x, heavy)
+    group, count = _GroupMatrices.taken(system, *system.coupling[0]), wanted.count
+    m, c, k = group[3:6]
+    lam, x, kinetic, stable = lowest_by_skew(m, c, k, count + _MORE)
+    momenta = group.uncoupled(symmetric_part(k), free, bent=True)
+    share = participation(x, momenta)
     label = jnp.argmax(share, 1)
-    # Of a velocity modes have 2 kinetic / whole energy |x^H M v|^2, which all together are one.
-    elsewhere = 1 - 2 * moving @ jnp.abs(x @ heavy) ** 2
+    # Shares 2 (kinetic / total energy) |x^H M v|^2 of modes x in an uncoupled mode v add up to one.
+    elsewhere = 1 - 2 * kinetic @ jnp.abs(x @ momenta) ** 2
     clear = (jnp.max(share, 1) > _CLEAR) & (elsewhere[label] < _CLEAR)
     same = (label[:, None] == label[None]) & clear[None] & ~np.eye(len(x), dtype=bool)
     clear &= ~jnp.any(same, 1)
     near = jnp.abs(lam[count - 1]) < _SPREAD * jnp.abs(lam[0])
     right = jnp.max(_residual((m, c, k), lam, x)) <= TOLERANCE * jnp.finfo(m.dtype).eps
 
-    def all_of_them() -> tuple[Array, Array, Array]:
+    def from_all() -> tuple[Array, Array, Array]:
         lam, x = quadratic_eigenpairs(m, c, k, True, free)
-        label = assigned(participation(x, heavy))
+        label = assigned(participation(x, momenta))
         return lam[:count], x[:count], label[:count]
 
     certain = stable & jnp.all(clear[:count]) & near & right
-    lam, x, label = jax.lax.cond(
-        certain, lambda: (lam[:count], x[:count], label[:count]), all_of_them
-    )
-    finite, label = jnp.all(jnp.isfinite(lam)), ranked(label, parts.sizes)
-    x = _apart(m, x, coupling(m, c, k, parts.sizes)[label])
-    direction_of, number_of = _labels(system.directions, parts.rows)
+    lam, x, label = jax.lax.cond(certain, lambda: (lam[:count], x[:count], label[:count]), from_all)
+    finite, label = jnp.all(jnp.isfinite(lam)), ranked(label, group.sizes)
+    x = _unmixed(m, x, coupling(m, c, k, group.sizes)[label])
+    direction_of, number_of = _labels(system.directions, group.rows)
     return _Chosen(
-        lam, x[:, np.argsort(parts.rows)], direction_of[label], number_of[label],
+        lam, x[:, np.argsort(group.rows)], direction_of[label], number_of[label],
         jnp.ones((), bool), finite, _rounding(m, c, k, lam, x, free),
     )  # fmt: skip
 
 
 def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
-    """The modes wanted, chosen out of all."""
+    """The modes wanted, chosen from all modes of all coupling groups."""
     groups = [
         _group(system, transverse, axial, free)
         for transverse, axial in system.coupling
@@ -181,7 +185,7 @@ def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     rows = np.concatenate([group.rows for group in groups])
     direction_of, number_of = _labels(system.directions, rows)
     eigenvalue = jnp.concatenate([group.eigenvalue for group in groups])
-    # What could not be found may be among the lowest.
+    # Modes that were not found may be among the lowest.
     finite = ~jnp.any(jnp.isnan(eigenvalue))
     shape = jax.scipy.linalg.block_diag(*[group.shape for group in groups])
     starts = np.cumsum([0, *(group.rows.size for group in groups)])
@@ -189,7 +193,7 @@ def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     direction, number = direction_of[label], number_of[label]
     if wanted.named is None:
         square = -(eigenvalue**2).real
-        if system.general:  # they come in order
+        if system.general:  # eigenvalues are in order already
             square = jnp.arange(square.size, dtype=square.dtype)
         if not wanted.most[Direction.FLAP]:
             square = jnp.where(direction == Direction.FLAP, jnp.inf, square)
@@ -207,8 +211,8 @@ def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
 
 
 class _Group(NamedTuple):
-    """The modes of one coupling group, in coordinates `rows`, and the label of each as the place
-    among `rows` of the coordinate that bears the same one."""
+    """The modes of one coupling group, in the coordinates `rows`. The label of a mode is an index
+    into `rows`: that of the coordinate with the same direction and number."""
 
     rows: np.ndarray
     eigenvalue: Complex[Array, " n"]
@@ -219,7 +223,7 @@ class _Group(NamedTuple):
 
 
 def _labels(directions: tuple[Direction, ...], rows: np.ndarray) -> tuple[Array, Array]:
-    """Direction of each coordinate, and its number within the direction."""
+    """The direction of each coordinate of `rows`, and its number within the direction, from 1."""
     kinds = np.asarray([int(directions[row]) for row in rows])
     return jnp.asarray(kinds), jnp.asarray(
         [sum(kinds[:i] == kinds[i]) + 1 for i in range(rows.size)]
@@ -232,91 +236,95 @@ def _group(
     axial: tuple[Direction, ...],
     free: int,
 ) -> _Group:
-    """All modes of directions that are coupled, or of one alone."""
-    parts = _Parts.of(system, transverse, axial)
-    rows, _, sizes, m, g, k, _ = parts
+    """All modes of one coupling group of a system."""
+    group = _GroupMatrices.taken(system, transverse, axial)
+    rows, _, sizes, m, g, k, _ = group
     if system.general:
         eigenvalue, shape = quadratic_eigenpairs(m, g, k, system.conservative, free)
-        positive = jnp.ones((), int)  # no matter: what grows is found as all else is
+        positive = jnp.ones((), int)  # not needed: growing modes are found like others
     elif transverse == axial:
         eigenvalue, shape, positive = gyroscopic_eigenpairs(m, g, k, free)
     else:
         nt = system.where(*transverse).size
         eigenvalue, shape, positive = planar_eigenpairs(m, g, k, nt, free)
-        if Direction.FLAP in axial:  # of a coned beam: it may be stable though flap alone is not
-            axially = system.where(Direction.AXIAL)
-            own = system.stiffness[np.ix_(axially, axially)]
-            positive = positive_definite(own).astype(int) if axially.size else jnp.ones((), int)
+        if Direction.FLAP in axial:  # a coned beam may be stable though flap alone is not
+            axial_rows = system.where(Direction.AXIAL)
+            stiffness = system.stiffness[np.ix_(axial_rows, axial_rows)]
+            positive = (
+                positive_definite(stiffness).astype(int) if axial_rows.size else jnp.ones((), int)
+            )
     label = jnp.arange(rows.size)
-    if len(sizes) > 1:  # in one direction alone the rank is the number
-        own = symmetric_part(k) if system.general else k
-        # What moves in quadrature to bending alone does not follow it.
+    if len(sizes) > 1:  # within one direction numbers are ranks of frequencies
+        symmetric = symmetric_part(k) if system.general else k
+        # Axial motion follows bending statically, unless it only moves in quadrature to it.
         bent = system.general or transverse == axial or Direction.FLAP in axial
-        label = assigned(participation(shape, parts.uncoupled(own, free, bent)))
+        label = assigned(participation(shape, group.uncoupled(symmetric, free, bent)))
     if system.general:
         label = ranked(label, sizes)
-        shape = _apart(m, shape, coupling(m, g, k, sizes)[label])
+        shape = _unmixed(m, shape, coupling(m, g, k, sizes)[label])
     rounding = _rounding(m, g, k, eigenvalue, shape, free)
     return _Group(rows, eigenvalue, shape, label, positive == 1, rounding)
 
 
 def _rounding(m: Array, g: Array, k: Array, eigenvalue: Array, x: Array, free: int) -> Array | None:
-    """The relative error that rounding may bring to frequencies, where it may be much. In double
-    precision that is where a root that is all but `free` leaves little of x^H K x: to |x|^T |K| |x|
-    over that. In single precision to that of the lowest modes, which all others have some of, and
-    to |x|^T |M| |x|, over what is left of them; to what is far above the lowest; and how far x^H Q
-    x is from zero."""
+    """Bounds of the relative errors of frequencies by rounding; None where it is small.
+
+    In double precision it matters only with a nearly `free` root, where x^H K x is much smaller
+    than |x|^T |K| |x|: the bound is rounding times the ratio. In single precision the bound is that
+    of the lowest mode, which is part of all others, the same for M, the ratio to the lowest
+    frequency, and x^H Q x, which should be zero.
+    """
     double = jnp.finfo(m.dtype).bits > 32
     if double and not free:
         return None
     moves = eigenvalue != 0
     size, omega = jnp.abs(x), jnp.where(moves, jnp.abs(eigenvalue), jnp.inf)
-    stiff, heavy = (jnp.sum(size * (size @ jnp.abs(a)), 1) for a in (k, m))
+    size_k, size_m = (jnp.sum(size * (size @ jnp.abs(a)), 1) for a in (k, m))
     if double:
-        return jnp.finfo(m.dtype).eps * stiff / (2 * omega**2)
-    mass, drag, held = (jnp.sum(x.conj() * (x @ a.T), 1) for a in (m, g, k))
-    left = jnp.abs(eigenvalue**2 * mass + eigenvalue * drag + held) / omega**2
+        return jnp.finfo(m.dtype).eps * size_k / (2 * omega**2)
+    mass, drag, stiffness = (jnp.sum(x.conj() * (x @ a.T), 1) for a in (m, g, k))
+    imbalance = jnp.abs(eigenvalue**2 * mass + eigenvalue * drag + stiffness) / omega**2
     mass = jnp.abs(mass)
     high = jnp.where(moves, omega, 0.0) / jnp.min(omega)
-    units = jnp.max(stiff / (omega**2 * mass)) + heavy / mass + high
-    return (jnp.finfo(m.dtype).eps * units + left / mass) / 2
+    units = jnp.max(size_k / (omega**2 * mass)) + size_m / mass + high
+    return (jnp.finfo(m.dtype).eps * units + imbalance / mass) / 2
 
 
 def coupled_with(system: LinearSystem, direction: Array) -> Bool[Array, "k n"]:
-    """The coordinates that are coupled with modes of these directions."""
+    """Whether each of n coordinates is coupled with the direction of each of k modes."""
     rows = system.where(*Direction)
     sizes = [size for f in Direction if (size := system.where(f).size)]
-    own = np.ix_(rows, rows)
-    m, c, k = system.mass[own], system.by_rates[own], system.stiffness[own]
+    block = np.ix_(rows, rows)
+    m, c, k = system.mass[block], system.by_rates[block], system.stiffness[block]
     linked = coupling(m, c, k, sizes)[:, np.argsort(rows)]
     first = [np.argmax(np.array(system.directions)[rows] == f) for f in Direction]
     return linked[jnp.array(first)[direction]]
 
 
 def coupling(m: Array, c: Array, k: Array, sizes: Sequence[int]) -> Bool[Array, "n n"]:
-    """Whether each two coordinates are coupled: their directions, of these sizes, stand one behind
-    the other, are coupled, be it by way of others."""
+    """Whether the directions of each two of n coordinates are coupled, directly or by way of
+    others; `sizes` are numbers of coordinates by direction, in their order."""
     eps = 1e4 * jnp.finfo(m.dtype).eps
     direction = np.repeat(np.arange(len(sizes)), sizes)
-    of_each = jnp.asarray(direction[None] == np.arange(len(sizes))[:, None], m.dtype)
+    in_direction = jnp.asarray(direction[None] == np.arange(len(sizes))[:, None], m.dtype)
     every = jnp.abs(jnp.stack([m, c, k]))
-    unit = jnp.max(every, (1, 2), keepdims=True)  # lest squares leave the range of the numbers
+    unit = jnp.max(every, (1, 2), keepdims=True)  # so that squares stay in the range of numbers
     unit = jnp.where(unit > 0, unit, 1.0)
-    heavy, damped, stiff = unit * jnp.sqrt(of_each @ (every / unit) ** 2 @ of_each.T)
-    own = [jnp.sqrt(jnp.diag(a)) for a in (heavy, stiff)]
-    unit_m, unit_k = (a[:, None] * a[None] for a in own)
+    heavy, damped, stiff = unit * jnp.sqrt(in_direction @ (every / unit) ** 2 @ in_direction.T)
+    scales = [jnp.sqrt(jnp.diag(a)) for a in (heavy, stiff)]
+    unit_m, unit_k = (a[:, None] * a[None] for a in scales)
     linked = (
         (heavy > eps * unit_m) | (stiff > eps * unit_k) | (damped**2 > eps**2 * unit_m * unit_k)
     )
     linked = linked | linked.T | jnp.eye(len(sizes), dtype=bool)
-    for _ in range(2):  # by way of up to three others
+    for _ in range(2):  # coupling by way of up to three others
         linked = jnp.any(linked[:, :, None] & linked[None], 1)
     return linked[np.ix_(direction, direction)]
 
 
-def _apart(m: Array, x: Array, inside: Array) -> Array:
-    """Modes without what is not coupled with them, of which they may have taken some where two have
-    the same eigenvalue."""
+def _unmixed(m: Array, x: Array, inside: Array) -> Array:
+    """Modes with zeros in coordinates that are not coupled with their own: two modes of the same
+    eigenvalue may come as mixtures."""
     x = jnp.where(inside, x, 0.0)
     mass = jnp.sum(x.conj() * (x @ m), 1).real
     return x / jnp.sqrt(mass)[:, None]

@@ -4,10 +4,9 @@ An eigenvalue with the mode x changes by x^T S dM x, x^T S dC x and x^T S dK x, 
 deflections across the beam and -1 along it: these are the forms of the matrices of small motion M,
 C (of the Coriolis forces) and K. A uniform clamped beam with a mass at its tip, in units of its own
 length, mass and bending stiffness, depends on four numbers alone: see `UnitBeam`. So every first
-derivative of a form is a combination of four, those by these numbers. Each number moves the steady
-state q as well, by dq = K^-1 dF, F being the force at a state that stays as it is. One `kernel`
-finds the forms and their four derivatives from one factorisation of K; what is left to JAX are four
-products.
+derivative of a form is a combination of the four by these numbers. Each number moves the steady
+state q as well, by dq = K^-1 dF, where dF is the change of the force at fixed q. One `kernel`
+computes the forms and their four derivatives with one factorisation of K; JAX combines them.
 """
 
 import functools
@@ -32,11 +31,11 @@ from jaxbeam._types import Number, Vector
 
 
 class UnitBeam(NamedTuple):
-    """The numbers that the unit beam depends on; also rates of these numbers."""
+    """The four numbers that a beam depends on in units of itself; or derivatives of these."""
 
-    speed: Number  # over sqrt(EI / (rho L^4))
-    hub_radius: Number  # over L
-    tip_mass: Number  # over rho L
+    speed: Number  # speed over sqrt(EI / (rho L^4))
+    hub_radius: Number  # hub radius over L
+    tip_mass: Number  # tip mass over rho L
     axial_stiffness: Number  # EA L^2 / EI
 
 
@@ -44,15 +43,15 @@ _Values = Float[Array, "2 3 k *lanes"]  # real and imaginary parts of the forms 
 
 
 class ElementForms:
-    """Forms of the matrices of a model, `signs` being the diagonal of S."""
+    """Forms x^T S M x, x^T S C x and x^T S K x of a model's matrices; S = diag(`signs`)."""
 
     def __init__(self, model: AbstractModel, signs: np.ndarray) -> None:
         self.model, self.signs = model, signs
         self.expansion = kernel(self._expansion)
 
     def __call__(self, four: UnitBeam, q: Vector, x: Float[Array, "2 k n"]) -> _Values:
-        """Forms of modes, given by their real and imaginary parts, about the steady state of these
-        numbers, whose derivatives are known here."""
+        """Forms of k modes `x`, given by real and imaginary parts, about the steady state `q` of a
+        unit beam of `four` numbers; their derivatives by these include those of q."""
         return _values(self, four, q, x)
 
     def _equations(self, four: UnitBeam) -> tuple[Equations, Hub]:
@@ -65,14 +64,14 @@ class ElementForms:
         return self.model.equations(rotor), spinning(four.speed)
 
     def _rows(self, four: UnitBeam, q: Vector) -> Float[Array, "3 b 4 12 *lanes"]:
-        """M, C and K by rows of blocks."""
+        """The matrices M, C and K at the state q, in rows of blocks."""
         equations, hub = self._equations(four)
         k, c = equations.tangents(hub, q, jnp.zeros_like(q), None)
         mass: Any = equations.mass
         return jnp.stack(jnp.broadcast_arrays(mass.rows, c.rows, k.rows))
 
     def state_rate(self, four: UnitBeam, q: Vector) -> Callable[[UnitBeam], Vector]:
-        """Returns the map from rates of the numbers to the rate of the steady state, K^-1 dF."""
+        """The linear map from changes of the numbers to that of the steady state, K^-1 dF."""
         rest, (equations, hub) = jnp.zeros_like(q), self._equations(four)
         inverse = equations.tangents(hub, q, rest, None)[0].inverse()
 
@@ -85,8 +84,8 @@ class ElementForms:
     def _expansion(
         self, four: UnitBeam, q: Vector, x: Float[Array, "2 k n *lanes"]
     ) -> tuple[_Values, Float[Array, "4 2 3 k *lanes"]]:
-        """Forms, and their derivatives by each of the numbers."""
-        q = _settled(self, q, four)
+        """Forms of modes, and their derivatives by each of the four numbers."""
+        q = _steady_state(self, q, four)
         one, state_rate = jnp.ones_like(q[0]), self.state_rate(four, q)
 
         def by_number(unit: Array) -> Array:
@@ -99,7 +98,7 @@ class ElementForms:
         mass: Any = self._equations(four)[0].mass
         left = append_axes(self.signs[None, None], q.ndim - 1) * x
 
-        def of_matrix(rows: Array) -> Array:
+        def forms_of_matrix(rows: Array) -> Array:
             matrix = BlockTridiagonal(rows, absent=mass.absent)
 
             def of_mode(both: tuple[Array, Array]) -> Array:
@@ -111,16 +110,16 @@ class ElementForms:
 
             return jax.lax.map(of_mode, (jnp.swapaxes(left, 0, 1), jnp.swapaxes(x, 0, 1)))
 
-        every = jax.lax.map(of_matrix, rows.reshape(-1, *rows.shape[2:]))
-        every = every.reshape(1 + len(four), 3, *every.shape[1:])  # (5, 3, k, 2, *lanes)
-        every = jnp.moveaxis(every, 3, 1)
-        return every[0], every[1:]
+        forms = jax.lax.map(forms_of_matrix, rows.reshape(-1, *rows.shape[2:]))
+        forms = forms.reshape(1 + len(four), 3, *forms.shape[1:])  # (5, 3, k, 2, *lanes)
+        forms = jnp.moveaxis(forms, 3, 1)
+        return forms[0], forms[1:]
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _values(elements: ElementForms, four: UnitBeam, q: Vector, x: Array) -> _Values:
-    """The forms, whose derivatives by the numbers are those of the expansion. The steady state has
-    none of its own, since it belongs to the numbers."""
+    """The forms, with derivatives by the numbers from `ElementForms.expansion`, which include those
+    of the steady state; q itself is taken as constant."""
     out: _Values = elements.expansion(four, q, x)[0]
     return out
 
@@ -145,13 +144,13 @@ def _values_jvp(elements: ElementForms, primals: Any, tangents: Any) -> tuple[_V
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _settled(elements: ElementForms, q: Vector, four: UnitBeam) -> Vector:
-    """The steady state, which is known, with its derivatives by the numbers alone."""
+def _steady_state(elements: ElementForms, q: Vector, four: UnitBeam) -> Vector:
+    """The given steady state q, with derivatives by the numbers that it belongs to."""
     return q
 
 
-@_settled.defjvp
-def _settled_jvp(elements: ElementForms, primals: Any, tangents: Any) -> tuple[Vector, Vector]:
-    # Through the function itself: then this rule can be differentiated again.
-    q, four = _settled(elements, *primals), primals[1]
+@_steady_state.defjvp
+def _steady_state_jvp(elements: ElementForms, primals: Any, tangents: Any) -> tuple[Vector, Vector]:
+    # The function itself is called here, so that this rule can be differentiated again.
+    q, four = _steady_state(elements, *primals), primals[1]
     return q, elements.state_rate(four, q)(tangents[1])

@@ -89,8 +89,8 @@ def find(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted, judged: bool = True,
     conditions: Conditions | None = None,
 ) -> Modes:  # fmt: skip
-    """The modes of `modes` once its arguments are checked; unless `judged`, they are those of the
-    model, however many of its functions they would need."""
+    """The modes of `modes` after its arguments have been checked; unless `judged` without a look
+    at whether the model has enough functions for them."""
     return found_about(model, rotor, speed, wanted, judged, conditions)[0]
 
 
@@ -98,14 +98,14 @@ def found_about(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, wanted: Wanted, judged: bool,
     conditions: Conditions | None,
 ) -> tuple[Modes, LinearSystem]:  # fmt: skip
-    """The modes of `find`, and the matrices that they belong to."""
-    alone = conditions is None
+    """The modes of `find`, and the matrices of small motion that they belong to."""
+    unloaded = conditions is None
     given, rotor, speed, conditions = guarded_conditions(model, rotor, speed, conditions)
-    # What rounding does in single precision is judged by dense matrices.
-    banded = alone and rotor.is_plain and jnp.finfo(speed.dtype).bits > 32
+    # In single precision dense matrices are used, since they estimate errors by rounding.
+    banded = unloaded and rotor.is_plain and jnp.finfo(speed.dtype).bits > 32
     bands = bands_of(model, wanted.most, wanted.count) if banded else None
     system = system_of(model, rotor, speed, conditions)
-    is_judged = judged and (alone or system.lacking is not None)
+    is_judged = judged and (unloaded or system.lacking is not None)
     fixed = without_derivatives((system, (rotor, speed, wanted)))
     found, extra = search(model, bands, *fixed, loose_motions(rotor), is_judged)
     status, error = first_failure(given, found.status), found.frequency_error
@@ -137,7 +137,7 @@ def found_about(
 
 
 def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Array, Array]:
-    """Eigenvalues and shapes, with derivatives by all that the matrices depend on."""
+    """Eigenvalues and shapes, with derivatives by all parameters that the matrices depend on."""
     dtype = system.mass.dtype
     kinds = np.array(system.directions)
     if system.general:
@@ -145,10 +145,10 @@ def _differentiable(system: LinearSystem, ok: Array, found: Modes) -> tuple[Arra
         return _pairs(system, ok, found, inside, None)
     signature = np.where(in_quadrature(system.coupling)[kinds], -1.0, 1.0)
     signature = np.where(mixed(system.coupling)[kinds], 0.0, signature)
-    place = np.array(
+    in_group = np.array(
         [[f in first + second for f in Direction] for first, second in system.coupling]
     )
-    group = np.argmax(place, 0)
+    group = np.argmax(in_group, 0)
     inside = (group[kinds][None] == jnp.asarray(group)[found.direction][:, None]).astype(dtype)
     return _pairs(system, ok, found, inside, jnp.asarray(signature, dtype))
 
@@ -157,8 +157,8 @@ def _pairs(
     system: LinearSystem, ok: Array, found: Modes, inside: Array, signature: Array | None
 ) -> tuple[Array, Array]:
     dtype = system.mass.dtype
-    # In a case that failed, a regular problem takes the place of its own, so that the NaN put in
-    # later is the end of it: gradients of other cases by shared parameters stay finite.
+    # In a case that failed, a regular problem takes the place of its own, so that no NaN comes into
+    # gradients of other cases by parameters that they share.
     identity = jnp.eye(len(system.directions), dtype=dtype)
     matrices = (system.mass, system.by_rates, system.stiffness)
     instead = (identity, 0 * identity, 2 * identity)
@@ -174,7 +174,7 @@ def _pairs(
 
 @jax.custom_jvp
 def _valued(value: Array, formula: Array) -> Array:
-    """A value that is known, with the derivatives of a formula for it."""
+    """The given value, with the derivatives of a formula for it."""
     return value
 
 
@@ -190,12 +190,12 @@ _Forms = Callable[[Rotor, Scalar, Array, Any], tuple[Array, Array, Array]]
 def _eigenvalue(
     forms: _Forms, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array, extra: Any
 ) -> Array:
-    """Eigenvalues that know their derivatives by rotor and speed,
+    """The given eigenvalues, with derivatives by rotor and speed,
 
         d lambda = -(lambda^2 dm + lambda dg + dk) / (2 lambda m + g),
 
-    m = x^T S M x and so on, with what the forms need besides (`search` returns it). Those of the
-    shapes matter to higher derivatives alone.
+    where m = x^T S M x, g and k are the forms, and `extra` is a further argument of these, from
+    `search`. Derivatives of the shapes x matter to second derivatives alone.
     """
     return eigenvalue
 
@@ -203,15 +203,15 @@ def _eigenvalue(
 @_eigenvalue.defjvp
 def _eigenvalue_jvp(forms: _Forms, primals: Any, tangents: Any) -> tuple[Array, Array]:
     rotor, speed, _, shape, extra = primals
-    # Through the function itself, not its arguments: then this rule can be differentiated again.
+    # The function itself is called here, so that this rule can be differentiated again.
     lam = _eigenvalue(forms, *primals)
 
-    def at(rotor: Rotor, speed: Scalar) -> Any:
+    def of_shape(rotor: Rotor, speed: Scalar) -> Any:
         return forms(rotor, speed, shape, extra)
 
-    (m, g, _), (dm, dg, dk) = jax.jvp(at, (rotor, speed), tangents[:2])
+    (m, g, _), (dm, dg, dk) = jax.jvp(of_shape, (rotor, speed), tangents[:2])
     change, slope = lam**2 * dm + lam * dg + dk, 2 * lam * m + g
-    return lam, -jax.vmap(quotient)(change, slope)  # hinges may leave a zero
+    return lam, -jax.vmap(quotient)(change, slope)  # 0 / 0 at an eigenvalue zero of a free hinge
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(7,))
@@ -225,13 +225,13 @@ def _eigenpairs(
     signature: Array | None,
     conservative: bool,
 ) -> tuple[Array, Array]:
-    """Identity on (eigenvalue, shape) that knows their derivatives by the three matrices.
+    """The given eigenvalues and shapes, with derivatives by the three matrices.
 
-    Left eigenvectors are y = S x, S = diag(`signature`), because M and K are symmetric and G is
-    skew and couples only coordinates of opposite signature; where it couples others too, where the
-    signature is zero, those of stable modes are the conjugates of x. Without a `signature` they are
-    that where the system is `conservative` and no mode grows, else they are found from the
-    transposed matrix.
+    Left eigenvectors are y = S x, S = diag(`signature`), where M and K are symmetric and G is skew
+    and couples only coordinates of opposite signature. Where G may couple any coordinates, the
+    signature is zero, and left eigenvectors of stable modes are the conjugates of x. Without a
+    `signature` they are these if the system is `conservative` and no mode grows, and are else
+    computed from the transposed matrix.
     """
     return eigenvalue, shape
 
@@ -242,7 +242,7 @@ def _eigenpairs_jvp(
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     m, g, k, _, _, inside, signature = primals
     dm, dg, dk = tangents[:3]
-    # Through the function itself, not its arguments: then this rule can be differentiated again.
+    # The function itself is called here, so that this rule can be differentiated again.
     eigenvalue, shape = _eigenpairs(*primals, conservative)
 
     like = shape.conj()
@@ -256,14 +256,17 @@ def _eigenpairs_jvp(
         within = group[:, None] * group[None]
         q = jnp.where(within > 0, lam**2 * m + lam * g + k, jnp.diag(1 - group))
         slope = 2 * lam * (m @ x) + g @ x
-        border = jnp.where(lam == 0, m @ x + 0j, slope)  # of lambda^2, where d lambda is infinite
+        # At lambda = 0, where d lambda may be infinite, the border is that for d lambda^2.
+        border = jnp.where(lam == 0, m @ x + 0j, slope)
         return jnp.block([[q, border[:, None]], [(like @ m)[None], jnp.zeros((1, 1))]]), slope
 
-    def of_transposed(lam: Array, x: Array, group: Array, like: Array) -> Array:
+    def left_vector(lam: Array, x: Array, group: Array, like: Array) -> Array:
         unit = jnp.zeros(len(x) + 1, x.dtype).at[-1].set(1.0)
         return solve(bordered(lam, x, group, like)[0].T, unit)[:-1]
 
-    def one(lam: Array, x: Array, group: Array, like: Array, left: Array) -> tuple[Array, Array]:
+    def derivatives(
+        lam: Array, x: Array, group: Array, like: Array, left: Array
+    ) -> tuple[Array, Array]:
         force = lam**2 * (dm @ x) + lam * (dg @ x) + dk @ x
         matrix, slope = bordered(lam, x, group, like)
         right = jnp.concatenate([-force * group, -0.5 * (like @ (dm @ x))[None]])
@@ -273,5 +276,5 @@ def _eigenpairs_jvp(
     left = like
     if signature is None:
         stable = conservative & jnp.all(eigenvalue.real == 0)
-        left = jax.lax.cond(stable, lambda *_: like, jax.vmap(of_transposed), *each)
-    return (eigenvalue, shape), jax.vmap(one)(*each, left)
+        left = jax.lax.cond(stable, lambda *_: like, jax.vmap(left_vector), *each)
+    return (eigenvalue, shape), jax.vmap(derivatives)(*each, left)

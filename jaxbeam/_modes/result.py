@@ -26,8 +26,8 @@ from jaxbeam._types import Code, Scalar, Vectors
 
 
 def of_places(method: Method) -> Method:
-    """A wrapper for methods of `Modes` that took their rotor once: it tells whoever still gives
-    one."""
+    """A wrapper for methods of `Modes` that took a rotor in earlier versions: it raises `TypeError`
+    where one is given."""
     name = method.__name__
 
     @functools.wraps(method)
@@ -240,7 +240,7 @@ class Modes(InHertz, eqx.Module):
 
 
 class _Two(eqx.Module):
-    """Modes of two batches, side by side case by case."""
+    """Modes of two batches of the same axes, as one batch of pairs."""
 
     first: Modes
     second: Modes
@@ -252,8 +252,8 @@ class _Two(eqx.Module):
 
 
 class _Asked(NamedTuple):
-    """Modes of one case that are asked: harmless numbers take the place of those of a case that
-    failed, where it is not `fine`."""
+    """Modes of one case for methods of `Modes`, with harmless numbers where the case failed, that
+    is where it is not `fine`."""
 
     model: AbstractModel
     rotor: AnyRotor
@@ -262,7 +262,7 @@ class _Asked(NamedTuple):
     fine: Array
 
     def shapes(self, tip: bool) -> Vectors:
-        """Shapes as they are, or divided by what the tip does in the direction of each."""
+        """Shapes (k, n), with `tip` divided by the motion of the tip in the direction of each."""
         if not tip:
             return self.shape
         return self.shape / own_tip(self.model, self.rotor, self.shape, self.direction)[:, None]
@@ -283,16 +283,16 @@ def _asked(modes: Modes) -> _Asked:
 def _polynomials(modes: Modes) -> ShapePolynomials:
     asked = _asked(modes)
     direction = asked.direction
-    bends = (direction == Direction.IN_PLANE) | (direction == Direction.FLAP)
-    bent = jnp.where(bends[:, None], asked.shapes(True), 1.0).real
-    into = fit(asked.rotor)
-    table = asked.model.displacement(into.xi, asked.rotor)
+    is_bending = (direction == Direction.IN_PLANE) | (direction == Direction.FLAP)
+    bent = jnp.where(is_bending[:, None], asked.shapes(True), 1.0).real
+    places = fit(asked.rotor)
+    table = asked.model.displacement(places.xi, asked.rotor)
     in_plane, flap = (bent @ table[axis].T for axis in (1, 2))
     is_flap = (direction == Direction.FLAP)[:, None]
-    # The first axis of a section turns towards flap, the second away from in plane.
-    own, across = jnp.where(is_flap, flap, in_plane), jnp.where(is_flap, -in_plane, flap)
-    found = jax.vmap(into.of)(own, across)
-    return ShapePolynomials(*nan_unless(bends & asked.fine, found))
+    # A turned section has the first axis partly in flap, the second partly against in plane.
+    main, across = jnp.where(is_flap, flap, in_plane), jnp.where(is_flap, -in_plane, flap)
+    polynomials = jax.vmap(places.fitted)(main, across)
+    return ShapePolynomials(*nan_unless(is_bending & asked.fine, polynomials))
 
 
 @Program
@@ -320,10 +320,10 @@ def _mac(modes: Modes, other: Modes) -> Float[Array, "k m"]:
         moved = jnp.einsum("kpc,mpc,p->km", u.conj(), v, mass)
         return moved + jnp.einsum("kp,mp,p->km", a.conj(), b, polar)
 
-    across = jnp.abs(product(u, v, a, b)) ** 2
+    products = jnp.abs(product(u, v, a, b)) ** 2
     lengths = (jnp.diagonal(product(w, w, c, c)).real for w, c in ((u, a), (v, b)))
-    own = jnp.outer(*lengths)
-    return nan_unless(first.fine & second.fine, across / own)
+    norms = jnp.outer(*lengths)
+    return nan_unless(first.fine & second.fine, products / norms)
 
 
 def _masses(rotor: AnyRotor) -> tuple[np.ndarray, Array, Array]:

@@ -1,4 +1,4 @@
-"""The search for modes: case by case, or of many cases side by side, without derivatives."""
+"""The search for modes, case by case or of many cases together, without derivatives."""
 
 import dataclasses
 from typing import Any
@@ -23,23 +23,26 @@ from jaxbeam._rotor.directions import CouplingGroup, Direction
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, Vector
 
-# Cases from which what is fast for a CPU is compiled. That takes some 10 s longer, and has paid
-# after 11,000 cases of elements and 29,000 of polynomials (`studies/costs.py`): who works on so
-# many at once will do so a few times.
+# Cases of a batch from which on the search by bands is compiled for a CPU. That takes some 10 s
+# longer, which is gained back after 11,000 cases of elements and 29,000 of polynomials
+# (`studies/costs.py`), a few such batches.
 MANY = 4096
-_ROW = 16  # cases of beams that vary whose integrals stay in the cache of a CPU
-_Query = tuple[AnyRotor, Scalar, Wanted]  # and its speed
-_Found = tuple[Modes, Vector | None]  # and the steady state of elements
+_ROW = 16  # cases of beams that vary whose integrals fit into the cache of a CPU
+_Query = tuple[AnyRotor, Scalar, Wanted]  # a rotor, its speed, and the modes wanted
+_Found = tuple[Modes, Vector | None]  # modes, and the steady state of elements
 
 
 def search(
     model: AbstractModel, bands: Bands | None, system: LinearSystem, case: _Query, free: int,
     judged: bool,
 ) -> tuple[Modes, Mixes | Vector | None]:  # fmt: skip
-    """The modes, with signs that make tips move the positive way, and, if they are to be `judged`,
-    the estimate of their errors; and what `forms` need, where these bear derivatives: what
-    functions are made of, or the steady state of elements. By dense matrices, which compile soon;
-    of many cases by bands, and by dense matrices where that is not certain."""
+    """The modes wanted, with signs for which tips move the positive way, and, if `judged`, with
+    estimates of their errors. Besides them, for derivatives by `forms`: the combinations that
+    functions are made of (of beams that vary), the steady state (of elements), or None.
+
+    By dense matrices, which compile quickly; with `bands` large batches are searched by bands, and
+    by dense matrices where that is not certain.
+    """
     if bands is not None:
         found, state = _by_bands(model, bands, system, case)
         shape, error = found.shape * _sign(model, case[0], system, found)[:, None], None
@@ -58,33 +61,33 @@ def search(
         found = dataclasses.replace(found, shape=shape, frequency_error=error)
         return found, model.mixes(system, rotor) if judged else None
 
-    def one(leaves: list[Array]) -> tuple[Modes, Mixes | None]:
+    def with_matrices(leaves: list[Array]) -> tuple[Modes, Mixes | None]:
         return complete(*jax.tree.unflatten(tree, leaves))
 
-    def alone(leaves: list[Array]) -> tuple[Modes, Mixes | None]:
+    def from_case(leaves: list[Array]) -> tuple[Modes, Mixes | None]:
         _, case = jax.tree.unflatten(tree, leaves)
-        # Not the matrices that are there: they need not be made of all cases then.
+        # Matrices are computed here again, so that XLA need not compute those of all cases.
         return complete(model.matrices(case[0], case[1]), case)
 
-    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Any:
+    def many(size: int, per_case: tuple[bool, ...], leaves: list[Array]) -> Any:
         def rows(leaves: list[Array]) -> Any:
-            return in_rows(alone, size, _ROW, own, leaves)
+            return in_rows(from_case, size, _ROW, per_case, leaves)
 
-        at_once = jax.vmap(one, ([0 if varies else None for varies in own],))
+        at_once = jax.vmap(with_matrices, ([0 if varies else None for varies in per_case],))
         cpu = rows if reaches(size, _ROW + 1) else at_once
         return by_platform(leaves, cpu=cpu, default=at_once)
 
     rotor = case[0]
     if judged and rotor.varies and isinstance(model, CartesianModel):
-        return batchable(one, many)(leaves)
-    return one(leaves)
+        return batchable(with_matrices, many)(leaves)
+    return with_matrices(leaves)
 
 
 def _loose(rotor: AnyRotor) -> Bool[Array, " 4"]:
-    """Whether the root has a hinge that no spring holds, by direction."""
+    """Whether the root has a free hinge, with a spring of no stiffness, by direction."""
     if isinstance(rotor, Rotor) and rotor.root_support is not None:
-        ways = [spring == 0 for spring in rotor.root_support.springs if spring is not None]
-        return jnp.broadcast_to(jnp.any(jnp.stack(ways)), 4)
+        hinges = [spring == 0 for spring in rotor.root_support.springs if spring is not None]
+        return jnp.broadcast_to(jnp.any(jnp.stack(hinges)), 4)
     springs = rotor.springs if isinstance(rotor, Rotor) else (None, None)
     in_plane, flap = (jnp.asarray(spring is not None and spring == 0) for spring in springs)
     no = jnp.zeros((), bool)
@@ -104,14 +107,16 @@ def _by_bands(model: AbstractModel, bands: Bands, system: LinearSystem, case: _Q
         found = bands.lowest(rotor, speed, named)
         return (_as_found(model, found), found.state), is_certain(found)
 
-    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> _Found:
-        axes = [0 if varies else None for varies in own]
+    def many(size: int, per_case: tuple[bool, ...], leaves: list[Array]) -> _Found:
+        axes = [0 if varies else None for varies in per_case]
 
         def by_bands(leaves: list[Array]) -> _Found:
             def again(which: Array) -> _Found:
-                here = [a[which] if varies else a for a, varies in zip(leaves, own, strict=True)]
-                _, (rotor, speed, wanted) = jax.tree.unflatten(tree, here)
-                # Not the matrices that are there: they need not be made of all cases then.
+                one_case = [
+                    a[which] if varies else a for a, varies in zip(leaves, per_case, strict=True)
+                ]
+                _, (rotor, speed, wanted) = jax.tree.unflatten(tree, one_case)
+                # Matrices are computed here again, so that XLA need not compute those of all cases.
                 system = model.matrices(rotor, speed)
                 return dense_modes(system, wanted), system.state
 
@@ -119,14 +124,14 @@ def _by_bands(model: AbstractModel, bands: Bands, system: LinearSystem, case: _Q
 
         if reaches(size, MANY):
             return by_bands(leaves)
-        # Elsewhere libraries take one case at a time for much longer than bands take all.
+        # On a GPU one dense case after the other takes much longer than bands take for all.
         return by_platform(leaves, cpu=jax.vmap(dense, (axes,)), default=by_bands)
 
     return batchable(dense, many)(leaves)
 
 
 def is_certain(found: Lowest) -> Array:
-    """Whether a search in bands can be relied on."""
+    """Whether all modes of a search by bands are certain, accurate and finite."""
     entries = found.entries
     small = TOLERANCE * jnp.finfo(entries.residual.dtype).eps
     numbers = jnp.isfinite(entries.omega) & jnp.all(jnp.isfinite(entries.x), 1)
@@ -157,14 +162,14 @@ def _as_found(model: AbstractModel, found: Lowest) -> Modes:
 
 
 def in_quadrature(coupling: tuple[CouplingGroup, ...]) -> Bool[np.ndarray, " f"]:
-    """Whether each direction moves in quadrature to others."""
+    """Whether each direction moves in quadrature to others that it is coupled with."""
     return np.array(
         [any(f in second and f not in first for first, second in coupling) for f in Direction]
     )
 
 
 def mixed(coupling: tuple[CouplingGroup, ...]) -> Bool[np.ndarray, " f"]:
-    """Whether all may be coupled with each direction."""
+    """Whether each direction may be coupled with others in any phase."""
     return np.array(
         [any(f in first and f in second for first, second in coupling) for f in Direction]
     )
@@ -173,14 +178,15 @@ def mixed(coupling: tuple[CouplingGroup, ...]) -> Bool[np.ndarray, " f"]:
 def _sign(
     model: AbstractModel, rotor: AnyRotor, system: LinearSystem, found: Modes
 ) -> Inexact[Array, " k"]:
-    """Sign that makes the tip move the positive way in the direction that names the mode."""
+    """Factors of modes, signs or phases, for which the tip moves the positive way in the direction
+    of the mode's label."""
     shape, direction = found.shape, found.direction
-    own = whole = own_tip(model, rotor, shape, direction, system.shapes)
-    # Stable parts in quadrature are imaginary: x = (w, -i u).
-    own = jnp.where(jnp.asarray(in_quadrature(system.coupling))[direction], -own.imag, own.real)
-    sign = jnp.where(own < 0, -1.0, 1.0)
-    if mixed(system.coupling).any():  # then any phase is a sign
-        moving = jnp.where(whole == 0, 1.0, whole)
+    tip = own_tip(model, rotor, shape, direction, system.shapes)
+    # Parts of stable modes in quadrature are imaginary: x = (w, -i u).
+    real = jnp.where(jnp.asarray(in_quadrature(system.coupling))[direction], -tip.imag, tip.real)
+    sign = jnp.where(real < 0, -1.0, 1.0)
+    if mixed(system.coupling).any():  # modes of any phase get that for which the tip is real
+        moving = jnp.where(tip == 0, 1.0, tip)
         sign = jnp.where(
             jnp.asarray(mixed(system.coupling))[direction], jnp.abs(moving) / moving, sign
         )

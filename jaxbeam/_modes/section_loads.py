@@ -1,4 +1,4 @@
-"""Force and moment in sections that go with small motion about a steady state."""
+"""Force and moment in sections in modes of small motion about a steady state."""
 
 import jax
 import jax.numpy as jnp
@@ -24,28 +24,28 @@ def modal_loads(
     """Force and moment in sections less those of the steady state, in axes that turn with sections,
     as factors of e^(lambda t) like the shapes (k, n).
 
-    The derivative of `section_loads` by coordinates, rates and accelerations: inertia of the mode,
-    and what the steady state, its tension above all, does on the beam that the mode bends.
+    They are the derivative of `section_loads` by coordinates, rates and accelerations: the inertia
+    of the mode, and the steady loads, tension above all, on the beam that the mode bends.
     """
-    alone = conditions is None
+    unloaded = conditions is None
     conditions = Conditions(NO_LOADS, NO_DAMPING) if conditions is None else conditions
     equations = equations_under(model, rotor, conditions.loads)
     inputs = conditions.inputs(equations, speed)
-    # Linear theories have the tension on the undeformed beam.
-    q = equations.rest if alone and model.is_linear else resting(rotor, equations, inputs).q
+    # In linear theories the tension acts on the undeformed beam.
+    q = equations.rest if unloaded and model.is_linear else resting(rotor, equations, inputs).q
     drag = Drag(conditions.damping.mass_coefficient)
-    outside = Environment(inputs[0], conditions.loads, jnp.zeros_like(speed), drag)
+    environment = Environment(inputs[0], conditions.loads, jnp.zeros_like(speed), drag)
 
     def loads(q: Vector, v: Vector, a: Vector) -> tuple[Array, Array]:
-        return section_loads(rotor, equations, outside, Moved(q, v, a), np.array(xi))
+        return section_loads(rotor, equations, environment, Moved(q, v, a), np.array(xi))
 
-    def change(*way: Vector) -> tuple[Array, Array]:
-        moved, *rates = (equations.rates(q, part) for part in way)
+    def change(*motion: Vector) -> tuple[Array, Array]:
+        moved, *rates = (equations.rates(q, each) for each in motion)
         rates = [equations.as_velocities(q, rate) for rate in rates]
         return jax.jvp(loads, (q, *(0 * rate for rate in rates)), (moved, *rates))[1]
 
     rates = eigenvalue[:, None]
     moved = shape + 0 * rates, rates * shape, rates**2 * shape
-    both = (jnp.stack([a.real, a.imag]) for a in moved)
-    force, moment = jax.vmap(jax.vmap(change))(*both)
+    parts = (jnp.stack([a.real, a.imag]) for a in moved)
+    force, moment = jax.vmap(jax.vmap(change))(*parts)
     return jax.lax.complex(*force), jax.lax.complex(*moment)

@@ -14,12 +14,12 @@ from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor
 from jaxbeam._rotor.span import Span, on
 
 POWERS = np.arange(2, 7)
-_POINTS = 16  # between kinks
+_POINTS = 16  # points of a fit in each piece between kinks
 
 
 class ShapePolynomials(NamedTuple):
-    """Polynomials c_2 xi^2 + ... + c_6 xi^6 that are one at the tip; of a batch with its axes in
-    front.
+    """Polynomials c_2 xi^2 + ... + c_6 xi^6 that are one at the tip; results of a batch have its
+    axes in front.
 
     `coefficients` (k, 5) of k modes sum to one; `misfit` (k,) is the largest distance from the
     shape, at 16 points between kinks, over the largest deflection there. Both are NaN
@@ -31,20 +31,21 @@ class ShapePolynomials(NamedTuple):
 
 
 class PolynomialFit(NamedTuple):
-    """The places at which shapes are looked at, and the values of each power there: in its own
-    direction, and across."""
+    """Places x / L of a fit, weights of integration, and the deflection that each power xi^2 to
+    xi^6 stands for: in the direction of the mode, and across it."""
 
-    xi: np.ndarray
-    weight: np.ndarray
-    own: Any  # (p, 5)
+    xi: np.ndarray  # (p,)
+    weight: np.ndarray  # (p,)
+    main: Any  # (p, 5)
     across: Any  # (p, 5); None where sections are not turned
 
-    def of(self, own: Array, across: Array) -> tuple[Array, Array]:
-        """Coefficients and misfit of one mode, by its deflection (p,) its own way and across."""
-        rows, wanted, weight = self.own, own, self.weight
+    def fitted(self, main: Array, across: Array) -> tuple[Array, Array]:
+        """Coefficients and misfit of one mode, by its deflections (p,) in its own direction and
+        across."""
+        rows, wanted, weight = self.main, main, self.weight
         if self.across is not None:
-            rows = jnp.concatenate([self.own, self.across])
-            wanted, weight = jnp.concatenate([own, across]), np.tile(weight, 2)
+            rows = jnp.concatenate([self.main, self.across])
+            wanted, weight = jnp.concatenate([main, across]), np.tile(weight, 2)
         scaled = weight[:, None] * rows
         found = solve(jnp.asarray(rows.T @ scaled), scaled.T @ wanted)
         misfit = largest(jnp.abs(rows @ found - wanted)) / largest(jnp.abs(wanted))
@@ -52,10 +53,11 @@ class PolynomialFit(NamedTuple):
 
 
 def fit(rotor: AnyRotor) -> PolynomialFit:
-    """The fit to the deflection of a rotor's beam; where sections are turned, to what a curvature
-    about their axes does.
+    """The places and powers of a fit for a rotor's beam.
 
-    That is int int p'' cos(angle) its own way, and int int p'' sin(angle) across.
+    Where sections are turned by an angle, p'' is a curvature about their axes: it makes the
+    deflections int int p'' cos(angle) in the direction of the mode, and int int p'' sin(angle)
+    across it.
     """
     if isinstance(rotor, Rotor) and not isinstance(rotor.beam, Beam):
         rotor = eqx.tree_at(lambda r: r.beam, rotor, rotor.beam.beam())
@@ -68,7 +70,8 @@ def fit(rotor: AnyRotor) -> PolynomialFit:
     if angle is None:
         return PolynomialFit(xi, np.asarray(span.weight), xi[:, None] ** POWERS[None], None)
     curved = (POWERS * (POWERS - 1))[None] * xi[:, None] ** (POWERS - 2)[None]
-    both = [
-        span.up_to(span.up_to(curved * part[:, None])) for part in (jnp.cos(angle), jnp.sin(angle))
+    deflections = [
+        span.up_to(span.up_to(curved * component[:, None]))
+        for component in (jnp.cos(angle), jnp.sin(angle))
     ]
-    return PolynomialFit(xi, np.asarray(span.weight), *both)
+    return PolynomialFit(xi, np.asarray(span.weight), *deflections)

@@ -1,4 +1,4 @@
-"""Which modes are asked for."""
+"""The modes that a caller asks for, by number or by labels."""
 
 import operator
 from collections.abc import Sequence
@@ -13,42 +13,43 @@ from jaxbeam._models.contract.door import checked_model
 from jaxbeam._rotor.directions import Direction, Label
 
 _ModeCounts = tuple[int, int, int, int]
-_FEW = 3  # labels up to here share a program, as do those up to twice as many
+_FEW = 3  # counts of modes of a direction are rounded up to a multiple of this: fewer programs
 
 
 class Wanted(eqx.Module):
-    """The lowest `count` modes, or as many of these directions and numbers.
+    """A request for the lowest `count` modes, or for those of `count` labels.
 
-    Directions and numbers are arrays, so that asking for other labels does not compile anew; how
-    many of each direction may be among them is not.
+    Directions and numbers of labels are arrays, so that other labels need no new program, unless
+    their counts by direction exceed `most`, which is static.
     """
 
     count: int = eqx.field(static=True)
-    most: _ModeCounts = eqx.field(static=True)  # of each `Direction`
-    named: tuple[Int[Array, " k"], Int[Array, " k"]] | None
+    most: _ModeCounts = eqx.field(static=True)  # modes of each `Direction` at most
+    named: tuple[Int[Array, " k"], Int[Array, " k"]] | None  # directions and numbers; None: lowest
 
 
 def lowest(model: AbstractModel, count: int) -> Wanted:
-    """The wish for the lowest modes; growing ones come first."""
-    # Axial frequencies grow with the number, those of bending with its square.
+    """The request for the lowest modes of all directions; growing ones come first."""
+    # Axial frequencies grow with the number of the mode, those of bending with its square: few of
+    # the lowest are axial.
     return Wanted(count, _at_most(model, (min(count, _FEW), count, count, count)), None)
 
 
 def lowest_in_plane(model: AbstractModel, count: int) -> Wanted:
-    """The wish for the lowest modes of bending in the plane of rotation and of axial motion."""
+    """The request for the lowest modes of in-plane bending and axial motion."""
     return Wanted(count, _at_most(model, (min(count, _FEW), count, 0, 0)), None)
 
 
 def _at_most(model: AbstractModel, counts: _ModeCounts) -> _ModeCounts:
-    """The counts of modes of each direction, of which there are no more than the model has."""
-    here = [model.directions.count(direction) for direction in Direction]
-    axial, in_plane, flap, torsion = (min(*both) for both in zip(counts, here, strict=True))
+    """The counts of modes of each direction, limited to what the model has."""
+    available = [model.directions.count(direction) for direction in Direction]
+    axial, in_plane, flap, torsion = (min(*both) for both in zip(counts, available, strict=True))
     return axial, in_plane, flap, torsion
 
 
 def _of_labels(model: AbstractModel, labels: Sequence[Label]) -> Wanted:
     named = np.array([(int(direction), number) for direction, number in labels])
-    # What is in the plane is told apart by both directions there.
+    # In-plane and axial modes are coupled, and each gets its label by comparison with both kinds.
     always = Direction.IN_PLANE, Direction.AXIAL
     axial, in_plane, flap, torsion = (
         -(-max([direction in always, *(k for f, k in labels if f == direction)]) // _FEW) * _FEW
@@ -70,7 +71,7 @@ def choose(model: AbstractModel, which: int | Sequence[Label] | None) -> Wanted:
             raise TypeError(f"which must be an int or labels, got {which!r}")
         try:
             count = operator.index(which)
-        except TypeError:  # of an array of floats
+        except TypeError:  # raised for an array of floats
             raise TypeError(f"which must be an int or labels, got {which!r}") from None
         if not 1 <= count <= total:
             raise ValueError(f"which must be between 1 and {total} for this model, got {count}")

@@ -1,7 +1,7 @@
-"""Symmetric band matrices with lanes behind, and the eigenvalues of gyroscopic systems of them.
+"""Symmetric band matrices, and eigenvalues of gyroscopic systems of them.
 
-A matrix (n, b + 1) holds, column by column, its diagonal and what is below it; the rest is zero.
-All is written for `kernel`.
+An array (n, b + 1) holds of column after column the diagonal entry and the b below it; all others
+are zero. Axes of lanes may follow (see `kernel`).
 """
 
 from typing import Any, NamedTuple
@@ -18,20 +18,20 @@ _Vector = Float[Array, "n ..."]
 
 
 def band(matrix: Float[np.ndarray, "n n"], width: int) -> Float[np.ndarray, "n w"]:
-    """A constant matrix in this form, `width` being b + 1."""
+    """The band array of a constant symmetric matrix (n, n), `width` being b + 1."""
     n = len(matrix)
     wide = np.pad(matrix, ((0, width), (0, 0)))
     return np.stack([wide[j : j + width, j] for j in range(n)])
 
 
 def full(matrix: Float[Array, "n n *lanes"]) -> Float[Array, "n n *lanes"]:
-    """A symmetric matrix that is all band, in this form."""
+    """The band array of a symmetric matrix (n, n) without zeros, of width n."""
     none = jnp.zeros_like(matrix)
     return jnp.stack([jnp.concatenate([matrix[j:, j], none[:j, j]]) for j in range(len(matrix))])
 
 
 def width_of(*matrices: Float[np.ndarray, "n n"]) -> int:
-    """Width of a band that holds all tables: the number of diagonals from the main one on."""
+    """Width b + 1 of a band that holds all matrices: the main diagonal and those below it."""
     diagonals = (int(np.max(np.abs(np.subtract(*np.nonzero(a))), initial=0)) for a in matrices)
     return 1 + max(diagonals, default=0)
 
@@ -47,11 +47,11 @@ def band_matvec(a: Any, x: _Vector) -> _Vector:
 
 
 def factors(a: Band) -> tuple[_Vector, Float[Array, "n b ..."]]:
-    """The factors of A = (1 + L) D (1 + L)^T without pivoting: D and the columns of L, without
-    their diagonal.
+    """The factors of A = (1 + L) D (1 + L)^T without pivoting: D and the columns of L below the
+    diagonal.
 
-    A pivot that is zero to the last bit, as of D(omega) where omega is that right, is replaced by
-    one that is zero to rounding: inverse iteration bears the latter alone.
+    A pivot that is exactly zero, as where omega is an eigenvalue to the last bit, is replaced by
+    one of the size of rounding, with which inverse iteration works.
     """
     b, eps = a.shape[1] - 1, jnp.finfo(a.dtype).eps
     none = jnp.zeros((b, *a.shape[2:]), a.dtype)
@@ -60,7 +60,7 @@ def factors(a: Band) -> tuple[_Vector, Float[Array, "n b ..."]]:
         return jnp.concatenate([x, none[:1]])
 
     def eliminate(ahead: Any, column: Array) -> tuple[Any, tuple[Array, Array]]:
-        # `ahead` is what has been taken from each of the next b columns, as far as it reaches.
+        # `ahead` has for each of the next b columns the sum that elimination takes from it so far.
         whole, column = column[0], column - longer(ahead[0])
         pivot = jnp.where(column[0] == 0, eps * jnp.abs(whole), column[0])
         below = column[1:] * (1 / pivot)[None]
@@ -73,7 +73,7 @@ def factors(a: Band) -> tuple[_Vector, Float[Array, "n b ..."]]:
 
 
 def solved(d: _Vector, below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
-    """The solution A^-1 x by `factors`."""
+    """The solution A^-1 x, by what `factors` returns."""
 
     def back(after: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         y = row[0] - pairwise_sum(row[1] * after)
@@ -84,7 +84,7 @@ def solved(d: _Vector, below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
 
 
 def _forward(below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
-    """The solution (1 + L)^-1 x."""
+    """The solution (1 + L)^-1 x, by the columns `below` the diagonal of L."""
 
     def eliminate(ahead: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         y = row[0] - ahead[0]
@@ -95,19 +95,20 @@ def _forward(below: Float[Array, "n b ..."], x: _Vector) -> _Vector:
 
 
 def polished(a: Band, x: _Vector) -> _Vector:
-    """An inverse iteration in the null space of A, of unit length."""
+    """The vector A^-1 x at unit length: one inverse iteration towards the null space of A."""
     x = solved(*factors(a), x)
     return x / jnp.sqrt(pairwise_sum(x**2))
 
 
 class Pencil(NamedTuple):
-    """D(omega) = K - omega^2 M + omega C of symmetric bands of one width; C may be missing."""
+    """The pencil D(omega) = K - omega^2 M + omega C of symmetric bands of one width; C may be
+    None."""
 
     k: Band
     m: Band
     c: Band | None = None
 
-    def at(self, omega: Float[Array, "..."]) -> Band:
+    def matrix(self, omega: Float[Array, "..."]) -> Band:
         """The matrix D(omega)."""
         d = self.k - omega**2 * self.m
         return d if self.c is None else d + omega * self.c
@@ -119,8 +120,8 @@ class Pencil(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A frequency and its vector, whether the search ended, and how many frequencies lie below the
-    one found, by Sylvester's law: K must be positive definite."""
+    """A frequency and its vector, whether the iteration converged, and how many frequencies lie
+    `below` the one found, by Sylvester's law of inertia: K must be positive definite."""
 
     omega: Float[Array, "..."]
     x: Array
@@ -132,8 +133,8 @@ def refined(pencil: Pencil, omega: Float[Array, "..."], x: _Vector) -> Found:
     """Frequency omega and vector x, x^T M x = 1, of D(omega) x = 0 near a guess.
 
     Inverse iteration x <- D^-1 D' x with Rayleigh quotients: the error of x falls by a factor of
-    the order of the relative change of omega, that of omega is its square. It ends where the former
-    is near rounding.
+    the order of the relative change of omega; the error of omega is the square of that of x. It
+    ends where the error of x is near rounding.
     """
     none, tolerance = jnp.zeros_like(omega), 5e3 * jnp.finfo(x.dtype).eps
 
@@ -145,28 +146,28 @@ def refined(pencil: Pencil, omega: Float[Array, "..."], x: _Vector) -> Found:
 
     def improve(state: tuple[Array, ...]) -> tuple[Array, ...]:
         i, omega, x, mx, cx, below, done = state
-        d, columns = factors(pencil.at(omega))
+        d, columns = factors(pencil.matrix(omega))
         right = cx - 2 * omega * mx
         new = solved(d, columns, right)
         new_mx, new_cx = times(pencil.m, new), times(pencil.c, new)
         size = pairwise_sum(new * new_mx) ** -0.5
         # The root of x^T D(omega + change) x, with D x = right * size and x^T M x = 1.
-        now = size**2 * pairwise_sum(new * right)
-        first = size**2 * pairwise_sum(new * new_cx) - 2 * omega
-        change = 2 * now / (jnp.sqrt(first**2 + 4 * now) - first)
+        constant = size**2 * pairwise_sum(new * right)
+        linear = size**2 * pairwise_sum(new * new_cx) - 2 * omega
+        change = 2 * constant / (jnp.sqrt(linear**2 + 4 * constant) - linear)
         better = omega + change
         sine = jnp.sqrt(jnp.abs(1 - (size * pairwise_sum(x * new_mx)) ** 2))
-        # Below omega, where the one found may lie. The last count is the nearest one, but where
-        # omega is right to rounding its own sign is not.
-        here = pairwise_sum(jnp.where(d < 0, 1.0, 0.0)) - jnp.where(change < 0, 1.0, 0.0)
+        # Frequencies below omega, without the one found. The count by the last omega is the best,
+        # unless omega is right to rounding: then the sign of its own pivot is not certain.
+        lower = pairwise_sum(jnp.where(d < 0, 1.0, 0.0)) - jnp.where(change < 0, 1.0, 0.0)
         counts = (done < 1) & ((i < 1) | (jnp.abs(change) > 1e-10 * better))
-        # What is done stays as it is, whatever its neighbours in a batch still need.
+        # A case that has converged stays as it is while others of the batch go on.
         small = jnp.where(jnp.abs(change) * sine < tolerance * better, 1.0, 0.0)
         return (
             i + 1,
             jnp.where(done < 1, better, omega),
             *(jnp.where(done < 1, size * a, b) for a, b in ((new, x), (new_mx, mx), (new_cx, cx))),
-            jnp.where(counts, here, below),
+            jnp.where(counts, lower, below),
             jnp.where(done < 1, small, done),
         )
 
@@ -180,12 +181,12 @@ def refined(pencil: Pencil, omega: Float[Array, "..."], x: _Vector) -> Found:
 
 
 def largest(a: Float[Array, "m m *lanes"], count: int) -> Float[Array, "k *lanes"]:
-    """Largest eigenvalues of small symmetric matrices of even size, good to about three digits
-    beyond their spread: three sweeps of Jacobi's method with disjoint rotations side by side."""
+    """Largest eigenvalues of small symmetric matrices of even size, to some three digits of their
+    differences, by three sweeps of Jacobi's method with disjoint rotations side by side."""
     m = len(a)
     half = m // 2
-    # Players of a tournament, the first of whom stays: everybody meets everybody (R. P. Brent,
-    # F. T. Luk, SIAM Journal on Scientific and Statistical Computing 6, 1985).
+    # Each pair of rows meets once in m - 1 rounds, as players in a tournament, the first of whom
+    # keeps his seat (R. P. Brent, F. T. Luk, SIAM J. Sci. Stat. Comput. 6, 1985).
     order = np.concatenate([[0, half], np.arange(1, half - 1), np.arange(half + 1, m), [half - 1]])
 
     def rotations(a: Array, _: Any) -> tuple[Array, None]:
@@ -203,13 +204,16 @@ def largest(a: Float[Array, "m m *lanes"], count: int) -> Float[Array, "k *lanes
         return a, None
 
     a, _ = jax.lax.scan(rotations, a, None, length=3 * (m - 1))
-    rest = [a[i, i] for i in range(m)]
+    values = [a[i, i] for i in range(m)]
     found: list[Array] = []
     while len(found) < count:
-        for i in range(len(rest) - 1):  # the largest sinks to the end
-            low, high = jnp.minimum(rest[i], rest[i + 1]), jnp.maximum(rest[i], rest[i + 1])
-            rest[i], rest[i + 1] = low, high
-        found.append(rest.pop())
+        for i in range(len(values) - 1):  # the largest sinks to the end
+            low, high = (
+                jnp.minimum(values[i], values[i + 1]),
+                jnp.maximum(values[i], values[i + 1]),
+            )
+            values[i], values[i + 1] = low, high
+        found.append(values.pop())
     return jnp.stack(found)
 
 

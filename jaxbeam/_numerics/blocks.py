@@ -24,8 +24,8 @@ class BlockTridiagonal(eqx.Module):
     `rows` (k, b, 3 b) holds, row of blocks by row, the lower block, the diagonal and the upper one;
     the first lower and the last upper block are ignored. So are the first `absent` rows and columns
     of the first block, which are not part of the matrix: its size is n = k b - absent. Sums,
-    multiples by scalars and products with vectors (n,) are written as for arrays. Further axes, of
-    lanes, may follow in all of them (see `kernel`).
+    multiples by scalars and products with vectors (n,) are written as for arrays. All of them may
+    have axes of lanes behind the others (see `kernel`).
     """
 
     rows: Float[Array, "k b c *lanes"]
@@ -52,8 +52,8 @@ class BlockTridiagonal(eqx.Module):
         b = self.rows.shape[1]
         beside, k = padded(x, self.absent + b, b).reshape(-1, b, *x.shape[1:]), len(self.rows)
         if x.ndim > 1 and not loops_are_dear():
-            # Each number is read where it is: windows of blocks would be copies, and so would be
-            # the rows that a loop goes through.
+            # Each number is read where it is: windows of blocks, or rows in a loop, would be
+            # copies.
             places = [(side, i) for side in range(3) for i in range(b)]
             terms = [
                 self.rows[:, :, side * b + i] * beside[side : side + k, i : i + 1]
@@ -66,38 +66,38 @@ class BlockTridiagonal(eqx.Module):
     def __rmatmul__(self, x: _Vector) -> _Vector:
         """The product x^T A."""
         b = self.rows.shape[1]
-        each = compute_once(sum_of_products(self.rows, self.blocked(x)[:, :, None], 1, x.ndim - 1))
-        low, own, up = each[1:, :b], each[:, b : 2 * b], each[:-1, 2 * b :]
-        return self.flat(own + padded(low, 0, 1) + padded(up, 1, 0))
+        terms = compute_once(sum_of_products(self.rows, self.blocked(x)[:, :, None], 1, x.ndim - 1))
+        low, diagonal, up = terms[1:, :b], terms[:, b : 2 * b], terms[:-1, 2 * b :]
+        return self.flat(diagonal + padded(low, 0, 1) + padded(up, 1, 0))
 
     def outer(
         self, x: Float[Array, "s n *lanes"], y: Float[Array, "s n *lanes"]
     ) -> "BlockTridiagonal":
-        """The sum of x_i y_i^T, within the blocks of this matrix, as a matrix of its kind."""
+        """The sum over i of x_i y_i^T, as a block-tridiagonal matrix: without entries elsewhere."""
         lanes = x.ndim - 2
-        own = jax.vmap(self.blocked)(x)
+        left = jax.vmap(self.blocked)(x)
         beside = jax.vmap(lambda y: padded(self.blocked(y), 1, 1))(y)
         window = jnp.concatenate([beside[:, :-2], beside[:, 1:-1], beside[:, 2:]], 2)
-        rows = sum_of_products(own[:, :, :, None], window[:, :, None], 0, lanes)
+        rows = sum_of_products(left[:, :, :, None], window[:, :, None], 0, lanes)
         return BlockTridiagonal(rows, self.absent)
 
     def dense(self) -> Float[Array, "n n"]:
-        """The whole matrix as an array; not where there are lanes."""
+        """The whole matrix as an array (n, n); not for matrices with lanes."""
         k, b, _ = self.rows.shape
-        # Written one behind the other, rows that are b longer than those of the matrix each begin
-        # b places farther on in it.
+        # Rows of blocks are padded to be b longer than rows of the matrix, then written one behind
+        # the other and cut into rows of the matrix: so each begins b columns after the last.
         width = (k + 2) * b
         rows = jnp.pad(self.rows.swapaxes(0, 1), ((0, 0), (0, 0), (0, width - 2 * b)))
         out = rows.reshape(b, k * (width + b))[:, : k * width].reshape(b, k, width)
         return out.swapaxes(0, 1).reshape(k * b, width)[self.absent :, b + self.absent : -b]
 
     def inverse(self) -> "BlockInverse":
-        """The solver of systems with this matrix, once eliminated; differentiable in both modes."""
+        """The inverse by elimination, for products with vectors; differentiable in both modes."""
         return BlockInverse(self)
 
     def matrix_of(self, linear: Callable[[_Vector], _Vector]) -> Float[Array, "n n"]:
-        """The matrix, as an array, of a linear map that is zero wherever this one is. Three blocks
-        apart columns have no row in common, so that one vector tells of many of them."""
+        """The matrix, as an array, of a linear map with the blocks of this matrix. Columns three
+        blocks apart have no row in common, so that one product gives many of them."""
         k, b, _ = self.rows.shape
         place = np.arange(k * b)[self.absent :]
         probes = place % (3 * b) == np.arange(3 * b)[:, None]
@@ -106,11 +106,11 @@ class BlockTridiagonal(eqx.Module):
         return jnp.where(near, found[place % (3 * b)].T, 0.0)
 
     def blocked(self, x: _Vector) -> Float[Array, "k b *lanes"]:
-        """A vector block by block, zero where it is absent."""
+        """The blocks (k, b) of a vector, with zeros for absent rows."""
         return padded(x, self.absent, 0).reshape(*self.rows.shape[:2], *x.shape[1:])
 
     def flat(self, x: Float[Array, "k b *lanes"]) -> _Vector:
-        """The vector of these blocks."""
+        """The vector (n,) of blocks (k, b), without absent rows."""
         return x.reshape(-1, *x.shape[2:])[self.absent :]
 
 
@@ -131,14 +131,14 @@ class BlockInverse(eqx.Module):
         self.matrix = matrix
         rows = jax.lax.stop_gradient(matrix.rows)
         k, b = rows.shape[:2]
-        # Ones on the diagonal for what is absent, and nothing beside them.
-        there = np.ones((k, b, 3, b), bool)
-        there[0, :, 0] = there[-1, :, 2] = there[0, : matrix.absent] = False
-        there[0, :, 1, : matrix.absent] = there[1:2, :, 0, : matrix.absent] = False
+        # Absent rows and columns become those of the unit matrix.
+        present = np.ones((k, b, 3, b), bool)
+        present[0, :, 0] = present[-1, :, 2] = present[0, : matrix.absent] = False
+        present[0, :, 1, : matrix.absent] = present[1:2, :, 0, : matrix.absent] = False
         ones = np.zeros((k, b, 3, b))
         ones[0, :, 1][np.arange(matrix.absent), np.arange(matrix.absent)] = 1.0
         shape = (k, b, 3 * b, *(1,) * (rows.ndim - 3))
-        rows = jnp.where(there.reshape(shape), rows, ones.reshape(shape))
+        rows = jnp.where(present.reshape(shape), rows, ones.reshape(shape))
 
         low, diagonal, up = rows[:, :, :b], rows[:, :, b : 2 * b], rows[:, :, 2 * b :]
 
@@ -151,8 +151,8 @@ class BlockInverse(eqx.Module):
         unroll = written_out(k)
         none = jnp.zeros_like(up[0])
         self.pivots = jax.lax.scan(eliminate, none, (low, diagonal, above), unroll=unroll)[1]
-        each = jax.vmap(_times)
-        self.fore, self.back = each(self.pivots, low), each(self.pivots, up)
+        products = jax.vmap(_times)
+        self.fore, self.back = products(self.pivots, low), products(self.pivots, up)
 
     def __matmul__(self, b: _Vector) -> _Vector:
         return self._solved(b, lambda x: self.matrix @ x, _solve, _solve_transposed)
@@ -162,36 +162,37 @@ class BlockInverse(eqx.Module):
         return self._solved(b, lambda x: x @ self.matrix, _solve_transposed, _solve)
 
     def _solved(
-        self, b: _Vector, product: Callable[[_Vector], _Vector], *ways: Callable[..., Array]
+        self, b: _Vector, product: Callable[[_Vector], _Vector], *solvers: Callable[..., Array]
     ) -> _Vector:
-        """The solution x of a product with A, or with its transpose, that is to be b."""
-        parts = jax.lax.stop_gradient((self.pivots, self.fore, self.back))
+        """The solution x of product(x) = b, where the product is with A or with its transpose, by
+        two `solvers`: that of product(x) = b, then that of the transposed system."""
+        factors = jax.lax.stop_gradient((self.pivots, self.fore, self.back))
 
-        def solve(way: Callable[..., Array], _: Any, b: _Vector) -> _Vector:
-            return self.matrix.flat(way(*parts, self.matrix.blocked(b)))
+        def solve(solver: Callable[..., Array], _: Any, b: _Vector) -> _Vector:
+            return self.matrix.flat(solver(*factors, self.matrix.blocked(b)))
 
         x: Array = jax.lax.custom_linear_solve(
-            product, b, *(functools.partial(solve, way) for way in ways)
+            product, b, *(functools.partial(solve, solver) for solver in solvers)
         )
         return x
 
 
 def padded(x: Array, before: int, after: int) -> Array:
-    """An array with as many rows of zeros as wanted before and behind its first axis."""
+    """An array with rows of zeros before and after its own along the first axis."""
     return jnp.pad(x, ((before, after), *((0, 0),) * (x.ndim - 1)))
 
 
 def _sweep(
     steps: Blocks, b: Float[Array, "k b *lanes"], *, reverse: bool
 ) -> Float[Array, "k b *lanes"]:
-    """Solve y_i = b_i - steps_i y_before, one block after the other."""
+    """The solution of y_i = b_i - steps_i y_(i-1), or y_(i+1) in `reverse`, block by block."""
 
-    def one(y: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+    def step(y: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         y = row[0] - _apply(row[1], y)
         return y, y
 
     unroll = written_out(len(b))
-    return jax.lax.scan(one, jnp.zeros_like(b[0]), (b, steps), reverse=reverse, unroll=unroll)[1]
+    return jax.lax.scan(step, jnp.zeros_like(b[0]), (b, steps), reverse=reverse, unroll=unroll)[1]
 
 
 def _solve(pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b *lanes"]) -> Array:
@@ -201,7 +202,7 @@ def _solve(pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b *lan
 def _solve_transposed(
     pivots: Blocks, fore: Blocks, back: Blocks, b: Float[Array, "k b *lanes"]
 ) -> Array:
-    """(1 + G)^T z = b, then (1 + S L)^T w = z, x = S^T w: the roles of G and S L change."""
+    """The solution x of A^T x = b: (1 + G)^T z = b, (1 + S L)^T w = z and x = S^T w."""
     before = jnp.concatenate([jnp.zeros_like(back[:1]), back[:-1]]).swapaxes(1, 2)
     after = jnp.concatenate([fore[1:], jnp.zeros_like(fore[:1])]).swapaxes(1, 2)
     w = _sweep(after, _sweep(before, b, reverse=False), reverse=True)
@@ -209,7 +210,8 @@ def _solve_transposed(
 
 
 def _times(a: Float[Array, "b b *lanes"], b: Float[Array, "b b *lanes"]) -> Array:
-    """Products of small matrices as sums: they fuse, and lanes fill vector units."""
+    """The product of small matrices written out as sums, which XLA fuses, and whose lanes fill
+    vector units."""
     return sum_of_products(a[:, :, None], b[None], 1, a.ndim - 2)
 
 

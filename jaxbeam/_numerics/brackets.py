@@ -1,4 +1,4 @@
-"""Where a function of one number changes its sign."""
+"""Searches for the number at which a function of one number changes its sign."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -9,14 +9,14 @@ from jaxtyping import Array, Bool, Float
 
 from jaxbeam._types import Scalar, Vector
 
-_MORE = 100  # looks to narrow what was found
+_MORE = 100  # evaluations to narrow a change of sign that was found
 
 
 def halved(
     before: Callable[[Array], Bool[Array, "*n"]], lower: Array, upper: Array, times: int
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
-    """Ends of intervals after bisections that keep the place at which `before`, true at the lower
-    end, becomes false; of arrays entry by entry."""
+    """Both ends of an interval after bisections, `times` of them, for the place at which `before`,
+    true at the lower end, becomes false; of arrays entry by entry."""
 
     def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         lower, upper = ends
@@ -29,10 +29,13 @@ def halved(
 
 
 class Looks(NamedTuple):
-    """The settings of a search: from the value `bottom` on, each `ratio` times the last, `many`
-    looks up to the `top`; what was found is narrowed until values differ by less than `close`,
+    """The settings of a search.
+
+    The function is evaluated at `bottom`, then at values each `ratio` times the last, up to `top`
+    and at most `many` times. A change of sign is narrowed until values differ by less than `close`,
     relatively: by the Illinois rule (secants between the ends, with the function at an end that
-    stays halved each time), or, where the function is a sign alone, by halving."""
+    stays halved each time), or by bisection if the function is `signs`, -1 or 1, alone.
+    """
 
     bottom: Scalar
     ratio: Scalar | float
@@ -43,15 +46,16 @@ class Looks(NamedTuple):
 
 
 class Bracket(NamedTuple):
-    """Where a search is: the `value` to look at and the `last` one; `a` and `b` are the values at
-    its ends with the function there; and what the looks have `kept`."""
+    """The state of a search: the `value` at which the function is evaluated next, and the `last`
+    one; the ends `a` and `b` of the bracket, each a pair of a value and the function there; and
+    what evaluations have `kept`."""
 
     tries: Array
     value: Scalar
     last: Scalar
     a: Vector
     b: Vector
-    positive: Array  # whether the function is so at `last`
+    positive: Array  # whether the function is positive at `last`
     kept: Any
 
     @property
@@ -60,7 +64,7 @@ class Bracket(NamedTuple):
         return self.b[1] <= 0
 
     def ended(self, looks: Looks) -> Array:
-        """Whether the search ended for another reason than want of looks."""
+        """Whether evaluations are left: if so, a search that is over ended for another reason."""
         return self.tries < looks.many + _MORE
 
 
@@ -68,37 +72,37 @@ def first_change(
     look: Callable[[Bracket], tuple[Scalar, Any, Array]], looks: Looks, kept: Any,
     fine: Callable[[Any], Array],
 ) -> Bracket:  # fmt: skip
-    """The search for the least value at which a function that begins above zero is so no more.
+    """The search for the least value at which a function, positive at first, is zero or negative.
 
-    `look` returns the function at the `value` of a bracket, what is to be kept, and whether this
-    was one look too many, as nothing can be told there: then the search ends as it was before. It
-    also ends where what it has kept is not `fine`.
+    `look` returns the function at the `value` of a bracket, what is to be kept, and whether the
+    function cannot be evaluated there: then the search ends in the state before. It also ends where
+    what it has kept is not `fine`.
     """
     zero, one = jnp.zeros_like(looks.bottom), jnp.ones_like(looks.bottom)
 
-    def step(here: Bracket) -> Bracket:
-        number, kept, in_vain = look(here)
+    def step(bracket: Bracket) -> Bracket:
+        number, kept, fails = look(bracket)
         positive = number > 0
-        stays = one if looks.signs else jnp.where(positive == here.positive, one / 2, one)
-        weight, point = jnp.stack([one, stays]), jnp.stack([here.value, number])
-        a = jnp.where(positive, point, here.a * weight)
-        b = jnp.where(positive, here.b * weight, point)
+        stays = one if looks.signs else jnp.where(positive == bracket.positive, one / 2, one)
+        weight, point = jnp.stack([one, stays]), jnp.stack([bracket.value, number])
+        a = jnp.where(positive, point, bracket.a * weight)
+        b = jnp.where(positive, bracket.b * weight, point)
         found = b[1] <= 0
         secant = a[0] + (b[0] - a[0]) * a[1] / (a[1] - b[1])
-        value = jnp.where(found, secant, here.value * looks.ratio)
-        # Until a change of sign is found the upper end is none.
-        b = jnp.where(found, b, here.b)
-        new = Bracket(here.tries + 1, value, here.value, a, b, positive, kept)
-        end = here._replace(tries=here.tries + 1, last=here.value)
-        return jax.tree.map(lambda old, new: jnp.where(in_vain, old, new), end, new)
+        value = jnp.where(found, secant, bracket.value * looks.ratio)
+        # Until a change of sign is found there is no upper end.
+        b = jnp.where(found, b, bracket.b)
+        new = Bracket(bracket.tries + 1, value, bracket.value, a, b, positive, kept)
+        end = bracket._replace(tries=bracket.tries + 1, last=bracket.value)
+        return jax.tree.map(lambda old, new: jnp.where(fails, old, new), end, new)
 
-    def goes_on(here: Bracket) -> Array:
+    def goes_on(bracket: Bracket) -> Array:
         more = jnp.where(
-            here.found,
-            jnp.abs(here.value - here.last) > looks.close * here.value,
-            here.value <= looks.top * (1 + 1e-9),
+            bracket.found,
+            jnp.abs(bracket.value - bracket.last) > looks.close * bracket.value,
+            bracket.value <= looks.top * (1 + 1e-9),
         )
-        return more & fine(here.kept) & here.ended(looks)
+        return more & fine(bracket.kept) & bracket.ended(looks)
 
     a, b = jnp.stack([zero, one]), jnp.stack([looks.top, one])
     begin = Bracket(jnp.asarray(0), looks.bottom, zero, a, b, jnp.asarray(True), kept)

@@ -10,8 +10,8 @@ def exponential(a: Float[Array, "n n"], squarings: int = 26) -> Float[Array, "n 
     """exp(a), by Taylor's series of a / 2^k and k squarings; differentiable in both modes.
 
     Without LAPACK, and for norms up to 2^24 (`jax.scipy.linalg.expm` stops at 2^16 by default).
-    Relative error about eps times the norm, as a skew matrix of that norm has anyhow. A batch pays
-    for all `squarings`: fewer are quicker, and NaN where they do not suffice.
+    The relative error is about eps times the norm, which rounding of `a` alone makes of it. A batch
+    does all `squarings`: fewer are quicker, and give NaN for norms above 2^(squarings - 2).
     """
     n = a.shape[0]
     norm = jax.lax.stop_gradient(jnp.max(jnp.sum(jnp.abs(a), 0)))
@@ -21,7 +21,8 @@ def exponential(a: Float[Array, "n n"], squarings: int = 26) -> Float[Array, "n 
     eye = jnp.eye(n, dtype=a.dtype)
     a2 = a @ a
     a3 = a2 @ a
-    # exp(a) - 1, which squares without losing what is small beside 1: (1 + e)^2 - 1 = 2 e + e^2
+    # e = exp(a) - 1 is squared, not exp(a), so that small e keep their digits: (1 + e)^2 - 1 =
+    # 2 e + e^2.
     weights = 1.0 / np.cumprod(np.arange(1.0, 13.0))
     groups = [
         weights[3 * i] * a + weights[3 * i + 1] * a2 + weights[3 * i + 2] * a3 for i in range(4)

@@ -1,4 +1,4 @@
-"""Modes of systems in which gyroscopic forces may couple everything, by skew matrices."""
+"""Modes of systems with any gyroscopic matrix, as eigenpairs of skew matrices."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,10 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.linalg import BlockPairs
-from jaxbeam._numerics.loose import cholesky, lower_solve, settled, shift, unshifted
+from jaxbeam._numerics.loose import cholesky, lower_solve, shift, shifted_if_loose, without_shift
 from jaxbeam._programs.batches import one_by_one
 
-_ROOM = 1e-3  # of the square of a frequency of bending, which a shift may be
+_ROOM = 1e-3  # largest shift, over the square of the lowest bending frequency
 
 
 def gyroscopic_eigenpairs(
@@ -19,8 +19,8 @@ def gyroscopic_eigenpairs(
     free: int = 0,
 ) -> BlockPairs:  # fmt: skip
     """All lambda, x with (lambda^2 M + lambda G + K) x = 0 and Im lambda > 0, lowest first, for
-    any skew G and K positive definite, or singular where hinges are `free`; else `positive` is 0
-    and results are NaN.
+    any skew G and K positive definite, or singular with `free` motions without stiffness at most;
+    else `positive` is 0 and results are NaN.
 
     With K = L L^T, M = F F^T the skew matrix
 
@@ -29,7 +29,7 @@ def gyroscopic_eigenpairs(
     has the eigenvalues 1 / lambda, the lowest frequencies for the largest. Eigenvectors have unit
     modal mass, x^H M x = 1, and any phase.
     """
-    solver = _freely(free) if free else _gyroscopic
+    solver = _with_free_motions(free) if free else _gyroscopic
     return BlockPairs(*solver(mass, gyroscopic, stiffness))
 
 
@@ -39,9 +39,9 @@ def _gyroscopic(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
     return lam, x.T, stable.astype(int)
 
 
-def _freely(free: int) -> Callable[[Array, Array, Array], tuple[Array, Array, Array]]:
+def _with_free_motions(free: int) -> Callable[[Array, Array, Array], tuple[Array, Array, Array]]:
     def solver(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
-        lam, x, stable = by_skew_settled(m, gyro, k, free)
+        lam, x, stable = by_skew_shifted(m, gyro, k, free)
         return lam, x.T, stable.astype(int)
 
     solve_each: Callable[[Array, Array, Array], Any] = one_by_one(solver)
@@ -49,7 +49,8 @@ def _freely(free: int) -> Callable[[Array, Array, Array], tuple[Array, Array, Ar
 
 
 def _skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
-    """The skew matrix of `gyroscopic_eigenpairs`, the factor L of K, and whether there is one."""
+    """The skew matrix of `gyroscopic_eigenpairs`, the Cholesky factor L of K, and whether K has
+    one."""
     lower = cholesky(k)
     stable = jnp.all(jnp.isfinite(lower)) & jnp.all(jnp.isfinite(m + gyro))
     lower = jnp.where(stable, lower, jnp.eye(len(m), dtype=m.dtype))
@@ -62,24 +63,24 @@ def _skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
 def lowest_by_skew(
     m: Array, gyro: Array, k: Array, count: int
 ) -> tuple[Array, Array, Array, Array]:
-    """The lowest eigenpairs of `gyroscopic_eigenpairs`, with modes as rows, the share of their
-    energy that is kinetic, and whether K is positive definite.
+    """The lowest eigenpairs of `gyroscopic_eigenpairs`, `count` of them, with modes as rows, the
+    share of their energy that is kinetic, and whether K is positive definite.
 
-    The square of the skew matrix is symmetric, with each 1 / omega^2 twice, so that a real
-    eigenproblem has the planes in which the lowest modes are: an eighth of the work. Within these
-    the skew matrix itself tells them, to full accuracy of what is not far above the lowest.
+    The skew matrix S has the symmetric S^T S with each eigenvalue 1 / omega^2 twice. Its real
+    eigenproblem, an eighth of the work of that of S, gives the subspace of the lowest modes, and S
+    within this subspace the modes: to full accuracy where not far above the lowest frequency.
     """
     n = len(m)
     skew, lower, stable = _skew(m, gyro, k)
     vectors, _ = jax.lax.linalg.eigh(skew.T @ skew, symmetrize_input=False)
-    planes = vectors[:, -2 * count :]
-    y, nu = jax.lax.linalg.eigh(1j * (planes.T @ skew @ planes), symmetrize_input=False)
-    y = planes @ y[:, ::-1][:, :count]
-    moving = jnp.sum(jnp.abs(y[n:]) ** 2, 0)
-    both = lower_solve(lower, jnp.concatenate([y[:n].real, y[:n].imag], 1), transpose=True)
-    x = jax.lax.complex(both[:, :count], both[:, count:])
+    subspace = vectors[:, -2 * count :]
+    y, nu = jax.lax.linalg.eigh(1j * (subspace.T @ skew @ subspace), symmetrize_input=False)
+    y = subspace @ y[:, ::-1][:, :count]
+    kinetic = jnp.sum(jnp.abs(y[n:]) ** 2, 0)
+    parts = lower_solve(lower, jnp.concatenate([y[:n].real, y[:n].imag], 1), transpose=True)
+    x = jax.lax.complex(parts[:, :count], parts[:, count:])
     x = x / jnp.sqrt(jnp.sum((x.conj() * (m @ x)).real, axis=0))[None]
-    return 1j / nu[::-1][:count], x.T, moving, stable
+    return 1j / nu[::-1][:count], x.T, kinetic, stable
 
 
 def by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
@@ -93,16 +94,16 @@ def by_skew(m: Array, gyro: Array, k: Array) -> tuple[Array, Array, Array]:
     return fine * 1j / nu[::-1][:n], fine * x, stable
 
 
-def by_skew_settled(m: Array, gyro: Array, k: Array, free: int) -> Any:
-    """The eigenpairs of `by_skew`, where `free` motions may be held by nothing. Where what is stiff
-    asks for a shift that is not small beside the squares of frequencies of bending, a K that is not
-    positive definite would seem to be: that is not stable."""
+def by_skew_shifted(m: Array, gyro: Array, k: Array, free: int) -> Any:
+    """The eigenpairs of `by_skew` where up to `free` motions may have no stiffness. They count as
+    not stable where rounding of high frequencies needs a shift that is not small beside squares of
+    bending frequencies: with that an indefinite K may seem to be positive definite."""
 
     def found(more: Array) -> tuple[Array, Array, Array]:
         lam, x, stable = by_skew(m, gyro, k + more * m)
-        moving = 1 + jnp.sum(x.conj() * (gyro @ x), 0) / (2 * lam)
+        kinetic = 1 + jnp.sum(x.conj() * (gyro @ x), 0) / (2 * lam)
         bending = jnp.sort(jnp.abs(lam))[min(free, len(k) - 1)]
         stable &= more <= _ROOM * bending**2
-        return unshifted(lam, more / moving.real, k, x, free), x, stable
+        return without_shift(lam, more / kinetic.real, k, x, free), x, stable
 
-    return settled(found, lambda: shift(m, k, free), free)
+    return shifted_if_loose(found, lambda: shift(m, k, free), free)

@@ -5,8 +5,9 @@ change z of the velocities,
 
     u / g - A u - B z = f,   A = d kinematics / dq,   B = d kinematics / dv,
 
-so u = D (f + B z) with D = (1 / g - A)^-1, and forces change by -K N u, N making small changes, by
-which tangents are, of changes of coordinates. What is nodewise costs nothing beside K.
+so u = D (f + B z) with D = (1 / g - A)^-1. Forces change by -K N u: tangents K are by small changes
+of nodes, and N makes these of changes of coordinates. D, B and N act node by node, so that they
+cost little beside K.
 """
 
 import abc
@@ -21,12 +22,12 @@ from jaxbeam._types import Vector
 
 
 class Kinematics(eqx.Module):
-    """The matrices D, B and N that relate rates of coordinates and velocities where a step begins.
-    The transposes take cotangents back."""
+    """The matrices D, B and N of a stage (see the module) in the state in which a step begins, and
+    their transposes, for reverse mode."""
 
     @abc.abstractmethod
     def before(self, first: Vector) -> Vector:
-        """The change of coordinates D f by rates f."""
+        """The change of coordinates D f by rates f of these."""
 
     @abc.abstractmethod
     def rates(self, z: Vector) -> Vector:
@@ -34,15 +35,15 @@ class Kinematics(eqx.Module):
 
     @abc.abstractmethod
     def seen(self, change: Vector) -> Vector:
-        """The velocities N u that belong to a change u of coordinates."""
+        """The small changes of nodes N u, to which tangents refer, by a change u of coordinates."""
 
     @abc.abstractmethod
     def eliminated(self, stiffness: Any) -> Any:
-        """The stiffness K N D B by velocities, of the kind of K."""
+        """The stiffness K N D B by changes of velocities, as a matrix of the kind of K."""
 
     @abc.abstractmethod
     def inverse(self, matrix: Any) -> Any:
-        """The inverse that the few right-hand sides of a step are multiplied with, from either
+        """The inverse of the matrix of a step, for products (`@`) with a few vectors from either
         side."""
 
     def led(self, z: Vector) -> Vector:
@@ -54,23 +55,23 @@ class Kinematics(eqx.Module):
         return self.before(first + self.rates(z))
 
     def before_back(self, to_change: Vector, like: Vector) -> Vector:
-        """The transpose of `before`, D^T a; `like` is any vector of coordinates."""
+        """The product D^T a with the transpose of `before`; `like` is any vector of coordinates."""
         (out,) = jax.linear_transpose(self.before, like)(to_change)
         return out
 
     def led_back(self, to_change: Vector, like: Vector) -> Vector:
-        """The transpose of `led`, B^T D^T a; `like` is any vector of velocities."""
+        """The product B^T D^T a with the transpose of `led`; `like` is any vector of velocities."""
         (out,) = jax.linear_transpose(self.led, like)(to_change)
         return out
 
     def seen_back(self, to_small: Vector, like: Vector) -> Vector:
-        """The transpose of `seen`, N^T y; `like` is any vector of coordinates."""
+        """The product N^T y with the transpose of `seen`; `like` is any vector of coordinates."""
         (out,) = jax.linear_transpose(self.seen, like)(to_small)
         return out
 
 
 class Straight(Kinematics):
-    """The kinematics q' = v, with tangents by the coordinates themselves."""
+    """The kinematics q' = v of all models but rods: D is g, B and N are one."""
 
     g: Float[Array, "*lanes"]
 

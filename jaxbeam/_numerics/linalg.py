@@ -2,10 +2,9 @@
 
 Two independent *batched* LAPACK calls in one XLA program can wait for each other for ever on a
 machine with two cores: each is split into tasks for the thread pool whose workers they block.
-Everything below therefore meets LAPACK one matrix at a time. `one_by_one` turns `vmap` into a loop
-over single calls, which leaves LAPACK to one core but costs little besides (it is where the time
-goes), and gives each lane its own branches and its own number of iterations. On a GPU, whose
-libraries take batches, all lanes go at once.
+Everything below therefore gives LAPACK one matrix at a time. `one_by_one` turns `vmap` into a loop
+over single calls. It leaves LAPACK one core, which costs little, and gives each case its own
+branches and number of iterations. On a GPU, whose libraries take batches, all cases go at once.
 """
 
 from collections.abc import Callable
@@ -23,10 +22,10 @@ from jaxbeam._numerics.loose import (
     cholesky,
     lower_solve,
     reduced,
-    settled,
     shift,
+    shifted_if_loose,
     symmetric_part,
-    unshifted,
+    without_shift,
 )
 from jaxbeam._numerics.small import SmallInverse, SmallMatrix
 from jaxbeam._programs.batches import one_by_one
@@ -55,9 +54,9 @@ def solve_columns(a: Float[Array, "n n"], b: Float[Array, "n k"]) -> Float[Array
 
 
 def quotient(a: Inexact[Array, ""], b: Inexact[Array, ""]) -> Inexact[Array, ""]:
-    """The quotient a / b, linear in a: where b is zero not a number, unless a is, which gives zero;
-    in reverse mode too, so that a derivative that does not exist spoils none but those that ask for
-    it."""
+    """The quotient a / b, linear in a, with 0 / 0 = 0 and otherwise NaN or inf where b is zero. In
+    reverse mode too: a zero cotangent gives zero, so that a derivative that does not exist spoils
+    no others."""
     fixed = jax.lax.stop_gradient(b)
 
     def divide(_: object, y: Array) -> Array:
@@ -74,14 +73,14 @@ def _lapack_inverse(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
 def largest(
     a: Float[Array, "..."], by: Callable[[Array], Array] = jnp.positive
 ) -> Float[Array, ""]:
-    """The largest of numbers, or the one with most `by` another measure, with the derivative of the
-    one that it is. That of `jnp.max` divides by how many are equal to it: none, where a compiler
-    makes them twice, once with more digits."""
+    """The largest of an array's numbers, or the one of the largest measure `by`, with its own
+    derivative. That of `jnp.max` divides by the count of numbers equal to it: by zero where XLA
+    computes them twice, once with more digits."""
     return a.reshape(-1)[jnp.argmax(by(a))]
 
 
 def dense(a: Float[Array, "n n"] | BlockTridiagonal | SmallMatrix) -> Float[Array, "n n"]:
-    """The matrix as an array."""
+    """The matrix as an array (n, n)."""
     return a.dense() if isinstance(a, BlockTridiagonal | SmallMatrix) else a
 
 
@@ -94,7 +93,7 @@ def inverse(a: SmallMatrix) -> SmallInverse: ...
 def inverse(
     a: Inexact[Array, "n n"] | BlockTridiagonal | SmallMatrix,
 ) -> Inexact[Array, "n n"] | BlockInverse | SmallInverse:
-    """Inverse of a matrix that is used many times: what multiplies (`@`) right-hand sides."""
+    """Inverse of a matrix, to be multiplied (`@`) with many right-hand sides."""
     return a.inverse() if isinstance(a, BlockTridiagonal | SmallMatrix) else _dense_inverse(a)
 
 
@@ -103,31 +102,31 @@ def outer(
     x: Float[Array, "s n *lanes"],
     y: Float[Array, "s n *lanes"],
 ) -> Any:
-    """The sum of x_i y_i^T as a matrix like this one, where this is not zero; with lanes only if
-    this is no array."""
+    """The sum over i of x_i y_i^T as a matrix of the kind of `like`, with the blocks of that alone;
+    with lanes unless `like` is an array."""
     return like.outer(x, y) if isinstance(like, BlockTridiagonal | SmallMatrix) else x.T @ y
 
 
 @jax.custom_jvp
 def _dense_inverse(a: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
-    """The inverse of a dense matrix, up to n = 100 without LAPACK, about as fast: its threads,
-    which on a busy machine can wait for each other a hundred times as long as they work, stay out
-    of the loop over time steps."""
+    """The inverse of a dense matrix, up to n = 100 without LAPACK and about as fast: on a busy
+    machine LAPACK's threads may wait for each other a hundred times as long as they work, in each
+    time step."""
     return gauss_jordan(a) if a.shape[0] <= 100 else _lapack_inverse(a)
 
 
 class Factors(eqx.Module):
     """A dense matrix in triangular factors, for a few right-hand sides (`@`, from either side): a
-    third of the work of an inverse, by operations of LAPACK whose threads wait for nobody."""
+    third of the work of an inverse, by operations of LAPACK whose threads do not wait."""
 
-    both: Float[Array, "n n"]
-    order: Int[Array, " n"]
+    triangles: Float[Array, "n n"]  # L, without its unit diagonal, below U
+    order: Int[Array, " n"]  # rows of the matrix in the order of pivots
 
     @classmethod
-    def of(cls, a: Float[Array, "n n"]) -> "Factors":
-        """Factors of a matrix."""
-        both, _, order = jax.lax.linalg.lu(a)
-        return cls(both, order)
+    def of_matrix(cls, a: Float[Array, "n n"]) -> "Factors":
+        """The factors of a matrix, with row pivoting."""
+        triangles, _, order = jax.lax.linalg.lu(a)
+        return cls(triangles, order)
 
     def __matmul__(self, right: Float[Array, " n"]) -> Float[Array, " n"]:
         lower = self._solved(right[self.order], lower=True)
@@ -142,7 +141,7 @@ class Factors(eqx.Module):
         self, right: Float[Array, " n"], *, lower: bool, transpose_a: bool = False
     ) -> Float[Array, " n"]:
         return jax.lax.linalg.triangular_solve(
-            self.both, right[:, None], left_side=True, lower=lower, unit_diagonal=lower,
+            self.triangles, right[:, None], left_side=True, lower=lower, unit_diagonal=lower,
             transpose_a=transpose_a,
         )[:, 0]  # fmt: skip
 
@@ -172,7 +171,7 @@ class BlockPairs(NamedTuple):
     """All n eigenpairs of a planar gyroscopic system, see `planar_eigenpairs`."""
 
     eigenvalue: Inexact[Array, " n"]
-    right: Inexact[Array, "n n"]  # rows
+    right: Inexact[Array, "n n"]  # eigenvectors as rows
     positive: Int[Array, ""]  # whether the axial stiffness is positive definite
 
 
@@ -216,17 +215,17 @@ def planar_eigenpairs(
 
 
 class _Planar(NamedTuple):
-    """A planar gyroscopic system: for each case of `planar_eigenpairs` the way to lambda and x, as
-    columns."""
+    """A planar gyroscopic system, with a method for each case of `planar_eigenpairs` that returns
+    lambda and x, as columns."""
 
     m: Array
-    g: Array  # the block of G
+    g: Array  # the block of G that takes u' into the equations of w
     k: Array
-    nt: int  # transverse coordinates, the first ones
-    transverse: np.ndarray  # whether a coordinate is, as a column
+    nt: int  # number of transverse coordinates, which come first
+    transverse: np.ndarray  # (n, 1), whether a coordinate is transverse
 
     def definite(self, lw: Array, lu: Array) -> tuple[Array, Array]:
-        """Returns stable modes, by the Cholesky factors of K_w and K_u."""
+        """The modes where K is positive definite, by the Cholesky factors of K_w and K_u."""
         m, g, _, nt, transverse = self
         na = len(m) - nt
         fw = lower_solve(lw, cholesky(m[:nt, :nt]))
@@ -242,7 +241,7 @@ class _Planar(NamedTuple):
         return jax.lax.complex(0 * sigma, 1 / sigma), x
 
     def shifted(self, more: Array, lu: Array, free: int) -> tuple[Array, Array]:
-        """Returns the modes where K_w + `more` M_w is positive definite, NaN where it is not."""
+        """The modes by way of K_w + `more` M_w; NaN where that is not positive definite."""
         m, g, k, nt, transverse = self
         inertia = m[:nt, :nt]
         lw = cholesky(k[:nt, :nt] + more * inertia)
@@ -250,15 +249,15 @@ class _Planar(NamedTuple):
         lam, x = self.definite(jnp.where(fine, lw, jnp.eye(nt, dtype=m.dtype)), lu)
         lam = jnp.where(fine, lam, jnp.nan)
         w, v = x[:nt].real, x[nt:].imag
-        # As d lambda^2 = -2 lambda y^T dK x / y^T (2 lambda M + G) x, of unit modal mass.
+        # The shift changes lambda^2 by -2 lambda y^T dK x / y^T (2 lambda M + G) x.
         moving = 1 + jnp.sum(w * (g @ v), 0) / lam.imag
-        new = unshifted(lam, more * jnp.sum(w * (inertia @ w), 0) / moving, k, x, free)
+        new = without_shift(lam, more * jnp.sum(w * (inertia @ w), 0) / moving, k, x, free)
         x = jnp.where(transverse, x, x * jnp.where(more == 0, 1.0, new / lam)[None])
         norm = jnp.sum(jnp.where(transverse, x, -x) * (m @ x), axis=0)
         return new, x / jnp.where(more == 0, 1.0, jnp.sqrt(norm))[None]
 
     def indefinite(self) -> tuple[Array, Array]:
-        """Returns the modes where K is not positive definite."""
+        """The modes where K is not positive definite."""
         m, g, k, nt, transverse = self
         zero = jnp.zeros(g.shape, m.dtype)
         a = jnp.block([[k[:nt, :nt], zero], [g.T, k[nt:, nt:]]])
@@ -275,7 +274,7 @@ class _Planar(NamedTuple):
         return lam, x / jnp.sqrt(norm)[None]
 
     def transverse_alone(self) -> tuple[Array, Array]:
-        """Returns the modes where there are no axial coordinates."""
+        """The modes of a system without axial coordinates."""
         v, mu = modes_and_squares(self.m, self.k)
         root = jnp.sqrt(jnp.abs(mu))
         lam = jax.lax.complex(jnp.where(mu < 0, root, 0), jnp.where(mu < 0, 0, root))
@@ -284,7 +283,7 @@ class _Planar(NamedTuple):
 
 def _eigensolver(nt: int, free: int) -> Callable[[Array, Array, Array], tuple[Array, ...]]:
     def factors(m: Array, gyro: Array, k: Array) -> tuple[_Planar, Array, Array, Array, Array]:
-        """The system, the factors of K, and whether there is the axial one, and the other."""
+        """The system, Cholesky factors of K_u and K_w, and whether each of these exists."""
         planar = _Planar(m, gyro[:nt, nt:], k, nt, (np.arange(len(m)) < nt)[:, None])
         lu, lw = cholesky(k[nt:, nt:]), cholesky(k[:nt, :nt])
         # Where there is no factor all of its entries are NaN, so that the first one tells.
@@ -309,7 +308,7 @@ def _eigensolver(nt: int, free: int) -> Callable[[Array, Array, Array], tuple[Ar
             return planar.indefinite() if nt < n else planar.transverse_alone()
 
         def loose(_: None) -> tuple[Array, Array]:
-            lam, x = settled(
+            lam, x = shifted_if_loose(
                 lambda more: planar.shifted(more, lu, free),
                 lambda: shift(m[:nt, :nt], k[:nt, :nt], free),
                 free,
@@ -332,13 +331,13 @@ def symmetric_modes(
     mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], free: int = 0
 ) -> Float[Array, "n n"]:
     """Mass-normalised eigenvectors of K v = mu M v as rows, lowest mu first; K may be indefinite,
-    and singular where hinges are `free`.
+    and singular with `free` motions without stiffness at most.
 
-    From F^T K^-1 F y = y / mu, M = F F^T: the modes wanted, the lowest, are the ones computed best.
+    By F^T K^-1 F y = y / mu, M = F F^T, so that the lowest modes are the most accurate.
     """
 
     def found(mass: Array, stiffness: Array) -> tuple[Array, Array]:
-        return _settled_modes(mass, stiffness, free)
+        return _shifted_modes(mass, stiffness, free)
 
     return one_by_one(found if free else modes_and_squares)(mass, stiffness)[0]
 
@@ -349,7 +348,7 @@ def lowest_eigenpair(
 ) -> tuple[Float[Array, ""], Float[Array, " n"]]:
     """The lowest mu, and x, of a x = mu b x, with a symmetric and b symmetric positive definite."""
     f, inner = reduced(a, b)
-    y, mu = jax.lax.linalg.eigh(inner, symmetrize_input=False)  # in order
+    y, mu = jax.lax.linalg.eigh(inner, symmetrize_input=False)  # eigenvalues in ascending order
     return mu[0], lower_solve(f, y[:, :1], transpose=True)[:, 0]
 
 
@@ -363,7 +362,7 @@ def eigensystem(
 
 
 def positive_definite(a: Float[Array, "n n"]) -> Bool[Array, ""]:
-    """Whether a symmetric matrix has a Cholesky factor."""
+    """Whether a symmetric matrix is positive definite: it has a Cholesky factor."""
     return _factor(jax.lax.stop_gradient(a)) > 0
 
 
@@ -375,12 +374,12 @@ def _factor(a: Float[Array, "n n"]) -> Float[Array, ""]:
 def modes_and_squares(
     mass: Array, stiffness: Array, more: Array | None = None
 ) -> tuple[Array, Array]:
-    """Modes of K v = mu M v as rows, and mu; with `more`, by way of K + more M."""
+    """Modes of K v = mu M v as rows, and their mu; by way of K + `more` M if there is a shift."""
     f = cholesky(mass)
     flexible = jnp.linalg.solve(stiffness if more is None else stiffness + more * mass, f)
     a = f.T @ flexible
     y, nu = jax.lax.linalg.eigh(symmetric_part(a), symmetrize_input=False)
-    # Of the fastest modes nothing but rounding may be left, of which the sign says nothing.
+    # 1 / mu of the fastest modes may be rounding alone, whose sign means nothing: it is positive.
     size = jnp.abs(nu)
     nu = jax.lax.select(size < len(nu) * jnp.finfo(nu.dtype).eps * nu[-1], size, nu)
     mu, order = jax.lax.sort_key_val(1 / nu, jnp.arange(len(nu)))
@@ -389,10 +388,10 @@ def modes_and_squares(
     return v, mu if more is None else mu - more
 
 
-def _settled_modes(mass: Array, stiffness: Array, free: int) -> tuple[Array, Array]:
+def _shifted_modes(mass: Array, stiffness: Array, free: int) -> tuple[Array, Array]:
     def found(more: Array) -> tuple[Array, Array]:
         v, mu = modes_and_squares(mass, stiffness, more)
         return jnp.sqrt(jnp.abs(mu)), v
 
-    omega, v = settled(found, lambda: shift(mass, stiffness, free), free)
+    omega, v = shifted_if_loose(found, lambda: shift(mass, stiffness, free), free)
     return v, omega

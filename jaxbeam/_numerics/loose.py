@@ -1,8 +1,8 @@
-"""Modes that nothing holds, such as the swing of a blade on a free hinge at rest.
+"""Modes without stiffness, such as the swing of a blade on a free hinge at rest.
 
-With K singular, or nearly, its inverse, by which eigenproblems find what is lowest best, has one
-value that drowns all others in its rounding. K + s M is regular, and its modes are those of K but
-for s: exactly where there are no Coriolis forces, to first order where there are.
+Eigenproblems are solved by K^-1, for the sake of the lowest modes. If K is (nearly) singular, K^-1
+has one eigenvalue so large that its rounding spoils all others. K + s M is regular, and has the
+same modes with omega^2 larger by s: exactly without Coriolis forces, else to first order in s.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
-_FAR = 1e4  # frequencies whose ratio costs that many units of rounding
+_FAR = 1e4  # ratio of bending to lowest frequency from which on a shift is used
 
 
 def cholesky(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
@@ -30,19 +30,21 @@ def symmetric_part(a: Any) -> Any:
 
 
 def reduced(a: Array, b: Array) -> tuple[Array, Array]:
-    """The factor F with b = F F^T, and F^-1 a F^-T."""
-    f = cholesky(b)
-    inner = lower_solve(f, lower_solve(f, a).T)
-    return f, symmetric_part(inner)
+    """The Cholesky factor F of b = F F^T, and the symmetric matrix F^-1 a F^-T."""
+    factor = cholesky(b)
+    inner = lower_solve(factor, lower_solve(factor, a).T)
+    return factor, symmetric_part(inner)
 
 
-def settled(
+def shifted_if_loose(
     found: Callable[[Array], tuple[Array, ...]], shift: Callable[[], Array], free: int
 ) -> Any:
-    """The results of `found(0)`, of which the first are eigenvalues; and where the lowest are so
-    far below those that bend the blade, behind as many as may be `free`, that these have lost
-    digits, or are not numbers, as where K is singular, those of `found(shift())`. A loop, so that
-    it is compiled once."""
+    """The results of `found(0)`, or of `found(shift())` where those are inaccurate.
+
+    `found` takes the shift s of K + s M, and returns eigenvalues first. Without a shift they are
+    inaccurate, or NaN, where the lowest is far below the first that bends the blade, which comes
+    after as many as may be `free`. A loop, so that `found` is compiled once.
+    """
     like = jax.eval_shape(shift)
     start = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(found, like))
 
@@ -61,8 +63,8 @@ def settled(
 
 
 def shift(mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], free: int) -> Array:
-    """The shift s of K + s M: small beside squares of frequencies of bending, large beside
-    rounding."""
+    """The shift s of K + s M, in rad^2/s^2: small beside squares of bending frequencies, which come
+    after `free` others, large beside rounding of the largest one."""
     _, inner = reduced(stiffness, mass)
     _, square = jax.lax.linalg.eigh(inner, symmetrize_input=False)
     largest = jnp.max(jnp.abs(square))
@@ -70,16 +72,16 @@ def shift(mass: Float[Array, "n n"], stiffness: Float[Array, "n n"], free: int) 
     return jnp.maximum(square[min(free, len(mass) - 1)] / _FAR**2, floor)
 
 
-def unshifted(
+def without_shift(
     lam: Complex[Array, " n"],
     lost: Array,
     k: Float[Array, "n n"],
     x: Complex[Array, "n n"],
     free: int,
 ) -> Complex[Array, " n"]:
-    """Eigenvalues of modes in columns x, of unit modal mass, from those with the shift and what of
-    their omega^2 is the shift's: as they are without one, else zero where x^H K x, or omega^2,
-    cannot be told from rounding."""
+    """Eigenvalues without shift of modes in columns x, of unit modal mass, from `lam` with it and
+    `lost`, its part of omega^2. Where there is a shift, omega^2 is zero if it is within rounding of
+    x^H K x."""
     eps, square = jnp.finfo(k.dtype).eps, lam.imag**2 - lost
     size = jnp.abs(x)
     bound = 8 * jnp.sum(size * (jnp.abs(k) @ size), 0) + 4 * jnp.abs(square[min(free, len(k) - 1)])

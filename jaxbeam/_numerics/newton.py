@@ -10,14 +10,14 @@ from jaxtyping import Array, Bool, Float
 from jaxbeam._numerics.blocks import BlockTridiagonal
 from jaxbeam._numerics.linalg import positive_definite, solve
 
-_FAR = 0.5  # for unknowns to go at once
-_SHORT, _NEAR = 1 / 16, 0.2  # the first of short steps, and how far unknowns go in one
+_FAR = 0.5  # change of an unknown beyond which a minimum counts as far from the start
+_SHORT, _NEAR = 1 / 16, 0.2  # first short step of the load, and largest change of unknowns in one
 
 
 def value_and_jacobian(
     function: Callable[[Float[Array, " n"]], Float[Array, " m"]], x: Float[Array, " n"]
 ) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
-    """A function and its derivatives, from one evaluation."""
+    """The value of a function and its Jacobian by forward mode, from one evaluation."""
     slope, value = jax.jacfwd(lambda x: (function(x),) * 2, has_aux=True)(x)
     return value, slope
 
@@ -29,26 +29,26 @@ def find_root(
     support: Float[Array, "n n"] | None = None,
     jacobian: Callable[..., BlockTridiagonal] | None = None,
 ) -> tuple[Float[Array, " n"], Float[Array, ""]]:
-    """The root x of residual(x) = 0, and the share of the load that was reached (1: all of it).
+    """The root x of residual(x) = 0, and the fraction of the load that was reached (1: all of it).
 
-    Newton's method on residual(x, fraction), with the fraction raised from zero to one in adaptive
-    steps where one step will not do. Unknowns should be of order one. `acceptable` bars roots that
-    mean nothing. Differentiable to any order by the implicit function theorem. A residual whose
-    derivatives are block-tridiagonal may come with its `jacobian`(x, fraction): without that a
-    function of many unknowns is differentiated by one after the other.
+    Newton's method on residual(x, fraction), with the fraction of the load raised from zero to one
+    in adaptive steps where one step does not converge. Unknowns should be of order one.
+    `acceptable` excludes roots without physical meaning. Differentiable to any order by the
+    implicit function theorem. A residual whose derivatives are block-tridiagonal may come with its
+    `jacobian`(x, fraction): without that forward mode takes one pass for each unknown.
 
-    With a `support`, the root of a gradient of an energy is looked for once more where none was
-    found, one at which the energy is no minimum, or one far away: Newton's method may have jumped
-    to it. Then short steps follow a minimum, (1 - fraction) `support` x added to the residual,
-    since what nothing but the load holds goes far at once under any share of it. If that ends in a
-    minimum it is the answer.
+    With a `support`, a matrix, the residual is the gradient of an energy. Newton's method may jump
+    to another root, so a second search follows where it finds none, none that is a minimum of the
+    energy, or one far from the start. The second search follows a minimum in short steps, with
+    (1 - fraction) `support` x added to the residual: without that, motions that only the load gives
+    stiffness would be large under any fraction of it. If it ends in a minimum, that is the answer.
     """
     search = _RootSearch(residual, acceptable, support, jacobian)
     like = None if jacobian is None else jax.eval_shape(jacobian, start, jnp.ones((), start.dtype))
 
     def solved(linear: Callable[[Array], Array], y: Array) -> Array:
         by_all = jax.jacfwd(linear)(jnp.zeros_like(y)) if like is None else like.matrix_of(linear)
-        return _solved_where_held(by_all, y)
+        return _solved_unless_free(by_all, y)
 
     return jax.lax.custom_root(
         residual, start, lambda _, start: search.run(start), solved, has_aux=True
@@ -64,7 +64,7 @@ class _RootSearch(NamedTuple):
     jacobian: Callable[..., BlockTridiagonal] | None
 
     def run(self, start: Array) -> tuple[Array, Array]:
-        """The root, and how far the load was raised."""
+        """The root, and the fraction of the load that was reached."""
         zero = jnp.zeros((), start.dtype)
         if self.support is None:
             return self._followed(start, zero)[:2]
@@ -81,8 +81,8 @@ class _RootSearch(NamedTuple):
         return end[1], end[2]
 
     def _followed(self, start: Array, held: Array) -> tuple[Array, Array, Array]:
-        """The way from no load to all of it, `held` by the support if that is one and not zero: x,
-        how far that went, and whether it ended in a minimum that is not too far away."""
+        """The root followed from no load to all of it, with the support if `held` is one and not
+        zero: x, the fraction reached, and whether x is a minimum not too far from the start."""
 
         def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
             x, done, step, minimum, k = state
@@ -108,7 +108,8 @@ class _RootSearch(NamedTuple):
         return x, done, minimum & (done == 1) & ~far
 
     def _newton(self, x: Array, fraction: Array, held: Array) -> tuple[Array, Array, Array]:
-        """The root at a share of the load, whether there is one, and whether it is a minimum."""
+        """The root at a fraction of the load, whether one was found, and whether it is a
+        minimum."""
         support = self.support
 
         def residual(x: Array) -> Array:
@@ -118,17 +119,17 @@ class _RootSearch(NamedTuple):
         def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
             x, _, _, k = state
             value, slope = self._value_and_slope(residual, x, fraction, held)
-            dx = _solved_where_held(slope, value)
+            dx = _solved_unless_free(slope, value)
             return x - dx, slope, jnp.max(jnp.abs(dx)) / (1 + jnp.max(jnp.abs(x))), k + 1
 
         def go_on(state: tuple[Any, ...]) -> Array:
-            more: Array = (state[2] > 1e-13) & (state[3] < 20)  # NaN ends it too
+            more: Array = (state[2] > 1e-13) & (state[3] < 20)  # false for NaN
             return more
 
         unit, far = jnp.eye(x.size, dtype=x.dtype), jnp.asarray(jnp.inf, x.dtype)
         x, slope, change, _ = jax.lax.while_loop(go_on, body, (x, unit, far, jnp.asarray(0)))
         minimum = jnp.asarray(True) if support is None else positive_definite(slope + slope.T)
-        # At round-off the step stalls slightly above the tolerance: accept that.
+        # Rounding may keep the step slightly above the tolerance: that is accepted.
         return x, (change < 1e-10) & self.acceptable(x), minimum
 
     def _value_and_slope(
@@ -143,8 +144,10 @@ class _RootSearch(NamedTuple):
         return residual(x), slope
 
 
-def _solved_where_held(slope: Float[Array, "n n"], value: Float[Array, " n"]) -> Float[Array, " n"]:
-    """The solution x of slope x = value, zero where nothing holds and nothing pushes: a free hinge
-    at rest."""
+def _solved_unless_free(
+    slope: Float[Array, "n n"], value: Float[Array, " n"]
+) -> Float[Array, " n"]:
+    """The solution x of slope x = value, with x = value, zero at equilibrium, for unknowns whose
+    row of the matrix is zero, such as the angle of a free hinge at rest."""
     free = jnp.all(slope == 0, 1)
     return solve(slope + jnp.diag(jnp.where(free, 1.0, 0.0)), value)

@@ -1,4 +1,4 @@
-"""Rotations by quaternions (w, x), of any length but zero, and small turns of them.
+"""Rotations by quaternions (w, x), of any length but zero, and by turns.
 
 A turn (3,) is the axis times the angle in rad. Arrays may have any axes in front.
 """
@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-_SMALL = 1e-2  # square of half an angle, below which series are exact to rounding
+_SMALL = 1e-2  # squares of half angles below this have series that are exact to rounding
 Quaternion = Float[Array, "*k 4"]
 Turn = Float[Array, "*k 3"]
 
 
 def leading(a: Any, like: Array) -> Any:
-    """An array with axes of length one in front, as many as another has more."""
+    """The array a with as many first axes of length one as make it of the rank of `like`."""
     return a.reshape((1,) * (like.ndim - a.ndim) + a.shape)
 
 
@@ -34,14 +34,14 @@ def rotation(q: Quaternion) -> Float[Array, "*k 3 3"]:
 
 
 def turned_by(q: Quaternion) -> Float[Array, "*k 3 3"]:
-    """The matrix of the rotation less one, which of small turns is small, and exact."""
+    """The matrix of the rotation less the unit matrix, without cancellation for small turns."""
     across = crossing(q[..., 1:])
     rotated = q[..., 0, None, None] * across + across @ across
     return 2 * rotated / jnp.sum(q * q, -1)[..., None, None]
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """The quaternion (w, -x) of the rotation back, of one of length one."""
+    """The quaternion (w, -x): of one of length one that of the inverse rotation."""
     return jnp.concatenate([q[..., :1], -q[..., 1:]], -1)
 
 
@@ -57,7 +57,7 @@ def of_turn(vector: Turn) -> Quaternion:
     square = jnp.sum(vector * vector, -1, keepdims=True) / 4
     small = square < _SMALL
     half = jnp.sqrt(jnp.where(small, 1.0, square))
-    # Of sin(a) / a and cos(a) by a^2.
+    # Series of sin(a) / a and of cos(a) in powers of a^2, with half the angle a.
     sine = 1 - square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72)))
     cosine = 1 - square / 2 * (1 - square / 12 * (1 - square / 30 * (1 - square / 56)))
     share = jnp.where(small, sine, jnp.sin(half) / half)
@@ -65,23 +65,24 @@ def of_turn(vector: Turn) -> Quaternion:
 
 
 def turn_of(q: Quaternion) -> Turn:
-    """The turn of a quaternion, of at most 2 pi: q and -q are turns by a and by 2 pi - a."""
+    """The turn of a quaternion, of at most 2 pi: that of q by a is that of -q by 2 pi - a."""
     w, x = q[..., :1], q[..., 1:]
     square = jnp.sum(x * x, -1, keepdims=True)
     size = jnp.sum(q * q, -1, keepdims=True)
     small = (square < _SMALL * size) & (w > 0)
     sine = jnp.sqrt(jnp.where(small, 1.0, square))
-    # arctan(t) / t, t = |x| / w.
+    # The series of arctan(t) / t in powers of t^2, t = |x| / w.
     ratio = jnp.where(small, square / jnp.where(w > 0, w, 1.0) ** 2, 0.0)
     series = sum((-ratio) ** k / (2 * k + 1) for k in range(10)) / jnp.where(small, w, 1.0)
     return 2 * x * jnp.where(small, series, jnp.arctan2(sine, w) / sine)
 
 
 def rotated(q: Quaternion, vector: Turn) -> Quaternion:
-    """The quaternion q after a turn about axes that turn with it, of length one."""
+    """The quaternion, of length one, of the rotation q after the turn `vector` about axes of the
+    body, which q has turned."""
     return normalised(quaternion_product(q, of_turn(vector)))
 
 
 def normalised(q: Quaternion) -> Quaternion:
-    """The quaternion q at length one."""
+    """The quaternion q scaled to length one."""
     return q / jnp.sqrt(jnp.sum(q * q, -1, keepdims=True))

@@ -1,4 +1,4 @@
-"""Matrices of few rows as `kernel` takes them: products and the inverse without libraries."""
+"""Matrices of few rows with axes of lanes: products and inverses without calls of libraries."""
 
 from typing import Any
 
@@ -15,7 +15,8 @@ _Vector = Float[Array, "n *lanes"]
 
 
 class SmallMatrix(eqx.Module):
-    """A matrix with lanes behind its axes, with the operations of `BlockTridiagonal`."""
+    """A dense matrix, with axes of lanes behind its own, and the operations of
+    `BlockTridiagonal`."""
 
     array: Float[Array, "n n *#lanes"]
 
@@ -44,21 +45,21 @@ class SmallMatrix(eqx.Module):
         return matvec_once(self.array.swapaxes(0, 1), x)
 
     def outer(self, x: Float[Array, "s n *lanes"], y: Float[Array, "s n *lanes"]) -> "SmallMatrix":
-        """The sum of x_i y_i^T, as a matrix of this kind."""
+        """The sum over i of x_i y_i^T, as a `SmallMatrix`."""
         return SmallMatrix(matmul(x.swapaxes(0, 1), y))
 
     def dense(self) -> Float[Array, "n n"]:
-        """The matrix as an array; not where there are lanes."""
+        """The matrix as an array (n, n); not for matrices with lanes."""
         return self.array
 
     def inverse(self) -> "SmallInverse":
-        """The solver of systems with this matrix; differentiable in both modes."""
+        """The inverse, for products with vectors; differentiable in both modes."""
         return SmallInverse(self)
 
 
 class SmallInverse(eqx.Module):
-    """Inverse of a `SmallMatrix` A, to be multiplied with vectors (`@`); as `BlockInverse` it is
-    for matrices that need no pivoting."""
+    """Inverse of a `SmallMatrix` A, to be multiplied with vectors (`@`), for matrices that need no
+    pivoting, like `BlockInverse`."""
 
     matrix: SmallMatrix
     inverse: SmallMatrix
@@ -68,17 +69,17 @@ class SmallInverse(eqx.Module):
         self.inverse = SmallMatrix(small_inverse(jax.lax.stop_gradient(matrix.array)))
 
     def __matmul__(self, b: _Vector) -> _Vector:
-        own, whole = self.inverse, self.matrix
+        back, a = self.inverse, self.matrix
         x: Array = jax.lax.custom_linear_solve(
-            lambda x: whole @ x, b, lambda _, b: own @ b, lambda _, b: b @ own
+            lambda x: a @ x, b, lambda _, b: back @ b, lambda _, b: b @ back
         )
         return x
 
     def __rmatmul__(self, b: _Vector) -> _Vector:
         """The product b^T A^-1."""
-        own, whole = self.inverse, self.matrix
+        back, a = self.inverse, self.matrix
         x: Array = jax.lax.custom_linear_solve(
-            lambda x: x @ whole, b, lambda _, b: b @ own, lambda _, b: own @ b
+            lambda x: x @ a, b, lambda _, b: b @ back, lambda _, b: back @ b
         )
         return x
 
@@ -87,9 +88,9 @@ class SmallInverse(eqx.Module):
 def inverses(a: Float[Array, "q n n"]) -> Float[Array, "q n n"]:
     """The inverse of each of many matrices that are symmetric and positive definite."""
     size = jnp.sqrt(jnp.diagonal(a, axis1=1, axis2=2))
-    units = size[:, :, None] * size[:, None]  # lest rounding of large entries meets small ones
-    alike = small_inverse((a / units).transpose(1, 2, 0))
-    return alike.transpose(2, 0, 1) / units
+    units = size[:, :, None] * size[:, None]  # ones on the diagonal: small entries keep digits
+    scaled = small_inverse((a / units).transpose(1, 2, 0))
+    return scaled.transpose(2, 0, 1) / units
 
 
 @inverses.defjvp
@@ -99,14 +100,14 @@ def _inverses_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array,
 
 
 def small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
-    """The inverse by Gauss and Jordan in place, without pivoting; so short a loop compiles to one
-    function."""
+    """The inverse by Gauss and Jordan in place, without pivoting: a loop short enough for a
+    `kernel`."""
     lanes = (1,) * (a.ndim - 2)
     places = np.arange(len(a))
 
     def body(k: Array, a: Array) -> Array:
-        here = places == k
-        across, down = here.reshape(1, -1, *lanes), here.reshape(-1, 1, *lanes)
+        is_pivot = places == k
+        across, down = is_pivot.reshape(1, -1, *lanes), is_pivot.reshape(-1, 1, *lanes)
         row = jax.lax.dynamic_index_in_dim(a, k, 0)
         column = jax.lax.dynamic_index_in_dim(a, k, 1)
         pivot = jax.lax.dynamic_index_in_dim(column, k, 0)
@@ -118,5 +119,6 @@ def small_inverse(a: Float[Array, "b b *lanes"]) -> Float[Array, "b b *lanes"]:
 
 
 def written_out(rounds: int) -> int:
-    """The number of turns of a short loop that are written out: programs grow with them."""
+    """The number of turns to unroll of a short loop: many on a GPU, one on a CPU, where programs
+    stay small."""
     return min(rounds, 16) if loops_are_dear() else 1

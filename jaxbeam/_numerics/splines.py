@@ -1,19 +1,19 @@
-"""Cubic splines through points, as matrices: they are linear in what they go through."""
+"""Cubic splines through points, as matrices, since they are linear in the values at these."""
 
 import numpy as np
 from jaxtyping import Float
 
 
 def spline_rows(
-    knots: Float[np.ndarray, " k"], at: Float[np.ndarray, " m"]
+    knots: Float[np.ndarray, " k"], places: Float[np.ndarray, " m"]
 ) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, "m k"]]:
-    """Rows that make of k values at increasing knots the values, and the slopes, at m places of the
-    cubic spline through them whose third derivative does not jump at the second knot nor at the one
-    before the last ("not a knot"). Two knots give a line, three a parabola."""
+    """Matrices from k values at increasing knots to the values, and to the slopes, at m places of
+    the cubic spline through them. Its third derivative does not jump at the second knot and at the
+    one before the last ("not a knot"). Two knots give a line, three a parabola."""
     count, gaps = len(knots), np.diff(knots)
-    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, count - 2)
+    left = np.clip(np.searchsorted(knots, places, side="right") - 1, 0, count - 2)
     gap = gaps[left]
-    t = ((at - knots[left]) / gap)[:, None]
+    t = ((places - knots[left]) / gap)[:, None]
     unit, slopes = np.eye(count), _slopes(knots)
     first, last = unit[left], unit[left + 1]
     start, end = (gap[:, None] * slopes[i] for i in (left, left + 1))
@@ -25,7 +25,7 @@ def spline_rows(
 
 
 def _slopes(knots: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k k"]:
-    """Rows that make the slopes of the spline at its knots of values there."""
+    """The matrix from values at the knots to slopes of the spline there."""
     count, h = len(knots), np.diff(knots)
     rises = np.diff(np.eye(count), axis=0) / h[:, None]
     if count == 2:
@@ -38,7 +38,7 @@ def _slopes(knots: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k k"]:
         system[i, i - 1 : i + 2] = h[i], 2 * (h[i - 1] + h[i]), h[i - 1]
         right[i] = 3 * (h[i] * rises[i - 1] + h[i - 1] * rises[i])
     for row, one, two, near in ((0, h[0], h[1], (0, 1)), (-1, h[-1], h[-2], (-1, -2))):
-        both = one + two
-        system[row, [row, near[1]]] = two, both
-        right[row] = ((one + 2 * both) * two * rises[near[0]] + one**2 * rises[near[1]]) / both
+        total = one + two
+        system[row, [row, near[1]]] = two, total
+        right[row] = ((one + 2 * total) * two * rises[near[0]] + one**2 * rises[near[1]]) / total
     return np.linalg.solve(system, right)

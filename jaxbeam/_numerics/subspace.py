@@ -1,4 +1,4 @@
-"""What a few combinations of many columns keep of them, one case at a time."""
+"""Subspaces of the columns of a matrix, one case at a time."""
 
 import jax
 import jax.numpy as jnp
@@ -9,14 +9,16 @@ from jaxbeam._programs.batches import one_by_one
 
 @one_by_one
 def principal(a: Float[Array, "m n"], start: Float[Array, "n k"]) -> Float[Array, "n k"]:
-    """Combinations of the columns of a tall matrix, orthonormal, that have most of it: one step of
-    subspace iteration from combinations that have nearly that, a third of what singular vectors
-    take. Of a matrix without derivatives: those of vectors of values that are alike do not exist.
+    """The k combinations c of columns of a tall matrix for which a c is orthonormal and spans most
+    of its column space, by one step of subspace iteration from combinations `start` that span
+    nearly that: a third of the time of singular vectors. Without derivatives, since singular
+    vectors of equal values have none.
     """
     rows, _ = jnp.linalg.qr(a.T @ jnp.linalg.qr(a @ start)[0])
     r = jnp.linalg.qr(a @ rows, mode="r")
-    # Nothing but rounding is left of a direction that does nothing: it stays as small as that.
-    own = jnp.diag(r)
-    least = jnp.finfo(r.dtype).eps * jnp.max(jnp.abs(own))
-    r = r + jnp.diag(jnp.where(jnp.abs(own) < least, least - own, 0.0))
+    # Directions in which a is zero have only rounding on the diagonal of r: at least eps of the
+    # largest entry takes its place, so that they are not scaled up to length one.
+    diagonal = jnp.diag(r)
+    least = jnp.finfo(r.dtype).eps * jnp.max(jnp.abs(diagonal))
+    r = r + jnp.diag(jnp.where(jnp.abs(diagonal) < least, least - diagonal, 0.0))
     return jax.lax.linalg.triangular_solve(r, rows)

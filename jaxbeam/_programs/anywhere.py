@@ -1,4 +1,4 @@
-"""What loops ask of a batch: whether something holds in any of its lanes."""
+"""A primitive of JAX that says whether a condition holds in any lane of a batch."""
 
 from typing import Any
 
@@ -6,8 +6,9 @@ import jax.numpy as jnp
 from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 
-# Whether something holds in any lane of a batch. A loop that asks this goes on for all lanes alike,
-# and what is written into its buffers is not copied for the sake of lanes that are done.
+# A loop with this as its condition has one condition for all lanes of a batch. So it goes on for
+# all of them, and JAX does not select, by copies of all buffers, the old state of lanes that are
+# done.
 anywhere = Primitive("anywhere")
 anywhere.def_impl(lambda x: x)
 anywhere.def_abstract_eval(lambda x: x)

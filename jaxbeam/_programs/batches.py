@@ -1,4 +1,4 @@
-"""Functions that know what to do with a batch, however many `jax.vmap` it comes from."""
+"""Functions with rules of their own for batches, also nested ones, of `jax.vmap`."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,21 +10,23 @@ from jaxtyping import Array
 
 from jaxbeam._programs.platforms import by_platform
 
-# From the number of cases, which leaves are of each case, and all leaves, to results (n, ...).
+# A function of the number n of cases, of which leaves have one value for each case, and of all
+# leaves, that returns the results (n, ...).
 Many = Callable[[int, tuple[bool, ...], list[Array]], Any]
 
 CPU_LANES = 32  # cases that a CPU works on together: their matrices stay in the cache
 
 
-_LARGE = 4 * CPU_LANES  # batches from which little is lost in the last row of so many lanes
+_LARGE = 4 * CPU_LANES  # cases from which on a last row that is not full costs little
 
 
-# From the same to results, and which of them are of each case; or None.
+# As `Many`, but returns results, and which of them have a value for each case; or None.
 Otherwise = Callable[[int, tuple[bool, ...], list[Array]], tuple[Any, Any] | None]
 
 
 def reaches(size: int, number: int) -> bool:
-    """Whether a batch has so many cases; one of any size, a symbol of `jax.export`, has."""
+    """Whether a batch has at least `number` cases; assumed of sizes that are symbols of
+    `jax.export`."""
     return not isinstance(size, int) or size >= number
 
 
@@ -33,36 +35,37 @@ def batchable(
 ) -> Callable[..., Any]:
     """A function `one` of a list of arrays, of which a batch is computed by `many`.
 
-    Batches of batches are one batch, in which cases get copies of what only some of them share. If
-    these can stay `apart`, large ones that share something come one after the other on a CPU, where
-    copies would take longer than the work. What `unless` has an answer to is not for `many`.
+    Nested batches become one batch, with copies of leaves that only some cases share. With `apart`,
+    large batches within a batch that share a leaf go one after the other on a CPU, where copies
+    would take longer than the work. Where `unless` returns results, these are taken, and `many` is
+    not called.
     """
     function = custom_vmap(lambda leaves: one(leaves))
 
     @function.def_vmap
     def rule(size: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
-        own = tuple(batched[0])
-        if not any(own):  # JAX asks so for values whose derivatives alone are of each case
+        per_case = tuple(batched[0])
+        if not any(per_case):  # calls by JAX for derivatives alone
             return _shared(one, leaves)
-        found = unless(size, own, leaves) if unless else None
+        found = unless(size, per_case, leaves) if unless else None
         if found is not None:
             return found
-        out = _batch(many, size, own, apart, unless)(leaves)
+        out = _batch(many, size, per_case, apart, unless)(leaves)
         return out, jax.tree.map(lambda _: True, out)
 
     return function
 
 
 def _batch(
-    many: Many, size: int, own: tuple[bool, ...], apart: bool = False,
+    many: Many, size: int, per_case: tuple[bool, ...], apart: bool = False,
     unless: Otherwise | None = None,
 ) -> Callable[..., Any]:  # fmt: skip
-    function = custom_vmap(lambda leaves: many(size, own, leaves))
+    function = custom_vmap(lambda leaves: many(size, per_case, leaves))
 
     def as_one(more: int, varies: tuple[bool, ...], leaves: list[Array]) -> Any:
-        each = zip(leaves, own, varies, strict=True)
+        each = zip(leaves, per_case, varies, strict=True)
         all_flat = [_flat(more, size, *one) for one in each]
-        moves = tuple(a or b for a, b in zip(own, varies, strict=True))
+        moves = tuple(a or b for a, b in zip(per_case, varies, strict=True))
         out = _batch(many, more * size, moves, apart, unless)(all_flat)
         return jax.tree.map(lambda a: a.reshape(more, size, *a.shape[1:]), out)
 
@@ -70,7 +73,7 @@ def _batch(
         def each(moving: list[Array]) -> Any:
             rest = iter(moving)
             here = [next(rest) if v else a for a, v in zip(leaves, varies, strict=True)]
-            return many(size, own, here)
+            return many(size, per_case, here)
 
         def on_cpu(leaves: list[Array]) -> Any:
             return jax.lax.map(each, [a for a, v in zip(leaves, varies, strict=True) if v])
@@ -81,11 +84,11 @@ def _batch(
     def rule(more: int, batched: Any, leaves: list[Array]) -> tuple[Any, Any]:
         varies = tuple(batched[0])
         if not any(varies):
-            return _shared(lambda leaves: many(size, own, leaves), leaves)
-        found = _case_by_case(unless, more, own, varies, leaves) if unless else None
+            return _shared(lambda leaves: many(size, per_case, leaves), leaves)
+        found = _case_by_case(unless, more, per_case, varies, leaves) if unless else None
         if found is not None:
             return found
-        shares = any(v and not o for v, o in zip(varies, own, strict=True))
+        shares = any(v and not o for v, o in zip(varies, per_case, strict=True))
         if apart and shares and reaches(size, _LARGE):
             out = _batch(in_turn, more, varies)(leaves)
         else:
@@ -96,12 +99,13 @@ def _batch(
 
 
 def one_by_one(one: Callable[..., Any], quick: Callable[..., Any] | None = None) -> Any:
-    """A function `one` of arrays, of which a CPU takes a batch case by case, what is `quick`
-    elsewhere all at once.
+    """A function `one` of arrays, of which a batch goes case by case on a CPU, all at once on a
+    GPU.
 
-    For calls of libraries, which take batches on a GPU and would start many kernels for each case
-    there. `quick` finds the same, and whether it did; where it did not, `one` does, case by case.
-    Without it `one` itself takes the batch.
+    It is for calls of libraries, which take batches on a GPU, where single calls would start many
+    kernels for each case. There `quick` takes the batch, and returns results and whether each is
+    right; those that are not are computed by `one`, case by case. Without `quick`, `one` takes the
+    batch.
     """
     function = custom_vmap(one)
 
@@ -109,11 +113,11 @@ def one_by_one(one: Callable[..., Any], quick: Callable[..., Any] | None = None)
     def rule(size: int, batched: Any, *given: Array) -> tuple[Any, Any]:
         if not any(batched):
             return _shared(one, *given)
-        axes = [0 if own else None for own in batched]
+        axes = [0 if is_per_case else None for is_per_case in batched]
 
         def on_cpu(*given: Array) -> Any:
-            def each(own: list[Array]) -> Any:
-                moving = iter(own)
+            def each(leaves: list[Array]) -> Any:
+                moving = iter(leaves)
                 here = [
                     a if axis is None else next(moving) for a, axis in zip(given, axes, strict=True)
                 ]
@@ -140,60 +144,62 @@ def one_by_one(one: Callable[..., Any], quick: Callable[..., Any] | None = None)
 
 
 def in_rows(
-    one: Callable[[list[Array]], Any], size: int, width: int, own: tuple[bool, ...],
+    one: Callable[[list[Array]], Any], size: int, width: int, per_case: tuple[bool, ...],
     leaves: list[Array],
 ) -> Any:  # fmt: skip
-    """The results of a batch of `size` cases, of which only `width` are worked on together, where a
-    cache would not bear the numbers of more. `own` says which leaves are of each case."""
+    """The results of a batch of `size` cases, `width` at a time, whose numbers fit into the cache.
+    `per_case` says which leaves have a value for each case."""
     rows = -(-size // width)
     extra = rows * width - size
 
     def cut(a: Array) -> Array:
-        # The last case fills up the last row.
+        # Copies of the last case fill up the last row.
         a = jnp.concatenate([a, jnp.broadcast_to(a[-1:], (extra, *a.shape[1:]))])
         return a.reshape(rows, width, *a.shape[1:])
 
     def row(moving: list[Array]) -> Any:
         rest = iter(moving)
-        here = [next(rest) if moves else a for a, moves in zip(leaves, own, strict=True)]
-        return jax.vmap(one, ([0 if moves else None for moves in own],))(here)
+        here = [next(rest) if moves else a for a, moves in zip(leaves, per_case, strict=True)]
+        return jax.vmap(one, ([0 if moves else None for moves in per_case],))(here)
 
-    moving = [cut(a) for a, moves in zip(leaves, own, strict=True) if moves]
+    moving = [cut(a) for a, moves in zip(leaves, per_case, strict=True) if moves]
     out = jax.lax.map(row, moving)
     return jax.tree.map(lambda a: a.reshape(rows * width, *a.shape[2:])[:size], out)
 
 
-def mended(found: Any, certain: Array, again: Callable[[Array], Any]) -> Any:
-    """The findings of a batch, where those that are not certain are found `again`, case by case."""
+def mended(results: Any, certain: Array, again: Callable[[Array], Any]) -> Any:
+    """Results of a batch, of which those that are not `certain` are computed `again`, a function of
+    the index, case by case."""
     doubtful = jnp.argsort(certain)
 
-    def mend(i: Array, found: Any) -> Any:
+    def mend(i: Array, results: Any) -> Any:
         which = doubtful[i]
-        return jax.tree.map(lambda all, one: all.at[which].set(one), found, again(which))
+        return jax.tree.map(lambda all, one: all.at[which].set(one), results, again(which))
 
-    return jax.lax.fori_loop(0, jnp.sum(~certain), mend, found)
+    return jax.lax.fori_loop(0, jnp.sum(~certain), mend, results)
 
 
 def _shared(function: Callable[..., Any], *given: Any) -> tuple[Any, Any]:
-    """The results of a function that all cases of a batch share, as a rule for batches returns
-    them."""
+    """The results of a function whose arguments all cases share, with False for each: none has a
+    value for each case, as rules for batches of JAX return it."""
     out = function(*given)
     return out, jax.tree.map(lambda _: False, out)
 
 
-def _flat(more: int, size: int, a: Array, own: bool, varies: bool) -> Array:
+def _flat(more: int, size: int, a: Array, per_case: bool, varies: bool) -> Array:
     """A leaf of a batch of batches, reshaped as one of a single batch."""
-    if not own:
+    if not per_case:
         return jnp.repeat(a, size, 0) if varies else a
     a = a if varies else jnp.broadcast_to(a, (more, *a.shape))
     return a.reshape(more * size, *a.shape[2:])
 
 
 def _case_by_case(
-    unless: Otherwise, more: int, own: tuple[bool, ...], varies: tuple[bool, ...],
+    unless: Otherwise, more: int, per_case: tuple[bool, ...], varies: tuple[bool, ...],
     leaves: list[Array],
 ) -> tuple[Any, Any] | None:  # fmt: skip
-    """The results of `unless` for each case of a batch, which are all of one kind."""
+    """The results of `unless` for each case of a batch of batches, and which of them have a value
+    for each case; None where it has none."""
     flags: Any = None
 
     def case(leaves: list[Array]) -> Any:
@@ -201,7 +207,7 @@ def _case_by_case(
         out, flags = unless(more, varies, leaves) or (None, None)
         return out
 
-    axes = [(1 if v else 0) if o else None for o, v in zip(own, varies, strict=True)]
+    axes = [(1 if v else 0) if o else None for o, v in zip(per_case, varies, strict=True)]
     out = jax.vmap(case, (axes,))(leaves)
     if flags is None:
         return None

@@ -18,10 +18,10 @@ import jax
 from jax.experimental.compilation_cache import compilation_cache
 
 _MAGIC = b"jaxbeam, a traced program\n"
-_STAMP = ".looked_at"  # since when files of JAX's cache have not been looked at
-_ZSTD = b"\x28\xb5\x2f\xfd"  # how a file begins that is not of zlib
-_ABANDONED = 3600.0  # s: nobody writes a file for so long
-_UNUSED = 90 * 86400.0  # s: after so long nobody will ask for a program again
+_STAMP = ".looked_at"  # its time is when files of JAX's cache were last checked
+_ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of files compressed by Zstandard, not by zlib
+_ABANDONED = 3600.0  # s: an unfinished file of this age is not being written any more
+_UNUSED = 90 * 86400.0  # s: programs that were not read for so long are removed
 
 
 class ProgramFolder(NamedTuple):
@@ -31,7 +31,8 @@ class ProgramFolder(NamedTuple):
     traced: Path | None
 
     def read(self, key: str) -> bytes | None:
-        """The bytes that were kept under this name, whole; or None."""
+        """The bytes that were kept under this name; None where there are none or they are
+        damaged."""
         if self.traced is None:
             return None
         try:
@@ -116,13 +117,13 @@ def keep(folder: str | os.PathLike[str] | None = None) -> Path | None:
     # JAX would warn of each program that it cannot write.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0 if writable else 1e9)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    compilation_cache.reset_cache()  # it may have looked for its folder already
+    compilation_cache.reset_cache()  # JAX's cache may have chosen its folder already
     _folder = ProgramFolder(path, traced if has_format else None)
     return path
 
 
 def warn_once(why: str) -> None:
-    """Say why programs are made anew, once in a process."""
+    """Warn that programs are not kept and why, once in a process."""
     global _warned
     if not _warned:
         _warned = True
@@ -135,7 +136,8 @@ def _caches() -> Path:
 
 
 def _machine() -> str:
-    """A name for processors of this kind: some releases of JAX run what was compiled for others."""
+    """A name for this kind of processor, a digest of its model and flags: some releases of JAX run
+    programs that were compiled for other processors."""
     said = platform.machine()
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
@@ -144,7 +146,7 @@ def _machine() -> str:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Raise where others may write to a folder."""
+    """Raise `ValueError` where other users may write to a folder."""
     status = path.stat()
     if not hasattr(os, "geteuid"):
         return  # Windows: folders of a user are that user's
@@ -155,9 +157,9 @@ def _refuse_foreign(path: Path) -> None:
 
 
 def _mend(compiled: Path) -> None:
-    """Remove files of JAX's cache that are not whole, of those that were written since the last
-    time. It writes in place, so that a process that is killed leaves half a file, which JAX would
-    warn of in all others and never replace."""
+    """Remove incomplete files of JAX's cache, among those written since the last check. JAX writes
+    in place, so that a process that is killed leaves half a file: JAX would warn of it in all other
+    processes and never replace it."""
     stamp = compiled / _STAMP
     with contextlib.suppress(OSError):
         since = stamp.stat().st_mtime - 10.0 if stamp.exists() else 0.0
@@ -171,7 +173,7 @@ def _is_whole(said: bytes) -> bool:
         _decompress(said)
     except ImportError:
         return True  # JAX cannot read it either
-    except Exception:  # each library has its own
+    except Exception:  # each library raises errors of its own
         return False
     return True
 
@@ -181,7 +183,7 @@ def _decompress(said: bytes) -> None:
         zlib.decompress(said)
     elif importlib.util.find_spec("zstandard"):
         importlib.import_module("zstandard").ZstdDecompressor().decompress(said)
-    else:  # from Python 3.14 on
+    else:  # zstd is part of Python from 3.14 on
         importlib.import_module("compression.zstd").decompress(said)
 
 
@@ -207,9 +209,9 @@ def _write(path: Path, body: bytes) -> None:
 
 
 def _tidy(path: Path) -> None:
-    """Remove what processes left that were killed while they wrote, and programs that none has
-    asked for in a long time: those of earlier versions among them. Who reads one in this moment has
-    it open, and who comes too late makes it anew."""
+    """Remove unfinished files of processes that were killed, and programs that were not read for a
+    long time, those of earlier versions among them. A process that is reading one has it open
+    already; others make it anew."""
     now = time.time()
     for part in path.glob("traced/.*.part"):
         with contextlib.suppress(OSError):

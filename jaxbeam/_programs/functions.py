@@ -1,4 +1,4 @@
-"""Which function it is, by all that it computes with: instructions, constants and references."""
+"""Identities of functions by all that they compute with: instructions, constants, references."""
 
 import builtins
 import dis
@@ -12,12 +12,12 @@ import jax
 
 from jaxbeam._programs.structure import PACKAGES, Encoder, NotKept, name_of
 
-# Beside `PACKAGES`: parts of Python that know of nothing but their arguments.
+# Modules of Python, besides `PACKAGES`, whose functions depend on their arguments alone.
 _PLAIN = frozenset({
     "builtins", "cmath", "collections", "dataclasses", "enum", "functools", "itertools", "math",
     "operator", "types", "typing",
 })  # fmt: skip
-# Functions of Python that a text may name; what opens, evaluates or asks others is not there.
+# Builtins of Python that a function may use: none that opens files, evaluates text or asks users.
 _BUILTINS = frozenset({
     "abs", "all", "any", "bool", "callable", "complex", "dict", "divmod", "enumerate", "filter",
     "float", "frozenset", "hasattr", "int", "isinstance", "issubclass", "iter", "len", "list",
@@ -26,7 +26,7 @@ _BUILTINS = frozenset({
     "AssertionError", "Exception", "IndexError", "KeyError", "NotImplementedError", "RuntimeError",
     "TypeError", "ValueError", "ZeroDivisionError", "__build_class__", "__name__",
 })  # fmt: skip
-# What reads files, or numbers that are others each time.
+# Names of functions that read files or draw random numbers.
 _READING = frozenset({
     "DataSource", "fromfile", "fromregex", "genfromtxt", "load", "loadtxt", "memmap", "open_memmap",
     "random", "tree_deserialise_leaves",
@@ -39,16 +39,16 @@ def identity(function: Any) -> Any:
 
     A function of Python is its instructions and constants, its defaults, what it closes over, and
     all names that it finds in its module: numbers and arrays by value, functions in the same way,
-    `PACKAGES` and plain parts of Python by name. An object of these packages may say what tells it
-    from others, by `kept_by`. Raises `NotKept` for all else: objects of other classes, other
-    modules, and what reads files.
+    names of `PACKAGES` and of modules of `_PLAIN` as names. An object of these packages may return
+    what tells it from others from a method `kept_by`. Raises `NotKept` for all else: objects of
+    other classes, other modules, and functions that read files.
     """
-    met: dict[int, tuple[int, Any]] = {}
+    seen: dict[int, tuple[int, Any]] = {}
 
     def other(value: Any) -> Any:
-        if id(value) in met:
-            return ["again", met[id(value)][0]]
-        met[id(value)] = len(met), value  # with the value, so that its id stays
+        if id(value) in seen:
+            return ["again", seen[id(value)][0]]
+        seen[id(value)] = len(seen), value  # the value is held, so that no other gets its id
         if isinstance(value, _JITTED):
             return ["jit", encode(vars(value)["__wrapped__"], True)]
         if isinstance(value, types.FunctionType):
@@ -75,13 +75,13 @@ def identity(function: Any) -> Any:
         return encode(function, True)
     except RecursionError:
         raise NotKept("what refers to itself") from None
-    except ValueError as error:  # a name that is not bound yet
+    except ValueError as error:  # an empty cell of a closure: a variable that is not bound yet
         raise NotKept(str(error)) from None
 
 
 def _mark(value: object) -> tuple[str, str]:
-    """Module and name of an object that only marks something, such as that which `jax.vmap` takes
-    for a name that was not given."""
+    """Module and name of an `object()` of `PACKAGES` that is a default value, such as that of an
+    axis name that `jax.vmap` was not given."""
     for module in sorted(name for name in sys.modules if name.split(".")[0] in PACKAGES):
         for name, other in list(vars(sys.modules[module]).items()):
             if other is value:
@@ -90,7 +90,7 @@ def _mark(value: object) -> tuple[str, str]:
 
 
 def _title(value: Any) -> str:
-    """The words for a value in a warning."""
+    """A phrase for a value, for a warning."""
     if isinstance(value, types.ModuleType):
         return f"the module {value.__name__}"
     if isinstance(value, type):
@@ -99,7 +99,7 @@ def _title(value: Any) -> str:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether a value is a class or function of a plain part of Python."""
+    """Whether a value is a class or function of a module of `_PLAIN`."""
     module, name = getattr(value, "__module__", None), getattr(value, "__qualname__", "")
     if module not in _PLAIN or "." in name:
         return False
@@ -109,8 +109,8 @@ def _is_plain(value: Any) -> bool:
 
 
 def _function(function: types.FunctionType, encode: Encoder) -> Any:
-    """The description of a function of Python. Of those of `PACKAGES` the version says what names
-    in them mean."""
+    """The description of a function of Python. In functions of `PACKAGES` names are not followed:
+    the version of the package says what they mean."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     bound = function.__defaults__, function.__kwdefaults__, cells
     said = ["function", _code(function.__code__, encode), encode(bound, True)]
@@ -124,7 +124,7 @@ def _function(function: types.FunctionType, encode: Encoder) -> Any:
 
 
 def _outside(function: types.FunctionType, name: str, encode: Encoder) -> Any:
-    """The value that a name has in the module of a function."""
+    """The description of the value that a name has in the module of a function."""
     if name in function.__globals__:
         value = function.__globals__[name]
         _refuse_reading(_own_name(value))
@@ -135,7 +135,7 @@ def _outside(function: types.FunctionType, name: str, encode: Encoder) -> Any:
 
 
 def _code(code: types.CodeType, encode: Encoder) -> Any:
-    """The description of code: instructions and constants, wherever they stand in a file."""
+    """The description of code: instructions and constants, but not lines of the file."""
     shape = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
     constants = [_constant(value, encode) for value in code.co_consts]
@@ -152,8 +152,8 @@ def _constant(value: Any, encode: Encoder) -> Any:
 
 
 def _names(code: types.CodeType) -> list[str]:
-    """Names that code finds in its module; `NotKept` where it changes or imports what may be
-    anything, or reads files."""
+    """Names that code looks up in its module; raises `NotKept` where it changes globals, imports
+    other modules or reads files."""
     found = set()
     for step in _steps(code):
         name = str(step.argval)

@@ -1,4 +1,4 @@
-"""What a kept program depends on beside its arguments: sources, versions, settings."""
+"""Sources, versions and settings, on which a kept program depends besides its arguments."""
 
 import functools
 import hashlib
@@ -17,7 +17,7 @@ from jaxbeam._programs.structure import NotKept
 _SOURCES = Path(__file__).parents[1]
 _STARTED = time.time_ns()
 _VERSIONS = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")
-FORMAT = 1  # of the files
+FORMAT = 1  # version of the format of kept files
 
 
 @functools.cache
@@ -44,14 +44,13 @@ def sources_stayed() -> bool:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Versions of Python and of all packages that have a part in a trace."""
+    """Versions of Python and of all packages that traced programs depend on."""
     found = {name: importlib.metadata.version(name) for name in _VERSIONS}
     return {"python": platform.python_version(), "format": str(FORMAT), **found}
 
 
 def settings() -> tuple[Any, ...]:
-    """Settings of JAX, as they are here and now, but for those of its cache; and for what it
-    compiles."""
+    """Current settings of JAX, without those of its cache, and EQX_ON_ERROR of the environment."""
     named = jax.config.values
     read = tuple(getattr(jax.config, name, None) for name in named if "cache" not in name)
     return (*read, os.environ.get("EQX_ON_ERROR"))

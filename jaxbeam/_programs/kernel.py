@@ -26,10 +26,10 @@ from jaxbeam._programs.platforms import by_platform
 class Adjoint(NamedTuple):
     """A transpose that takes the place of the one that JAX would make."""
 
-    # From the arguments to the result and what is kept for the way back.
+    # forwards(*args) returns the result and residuals, which `backwards` gets.
     forwards: Callable[..., tuple[Any, Any]]
-    # From which leaves of the arguments move, the arguments, what was kept, and the result's
-    # cotangent, to cotangents of the arguments; None for those that do not move.
+    # backwards(moving, args, residuals, cotangent of the result) returns cotangents of the
+    # arguments, None for leaves that `moving`, a tree of bools, says have no derivative.
     backwards: Callable[..., Any]
 
 
@@ -38,34 +38,35 @@ def kernel(
 ) -> Callable[..., Any]:
     """A `function` of pytrees of floating-point arrays, differentiable to any order, made fast.
 
-    Reverse mode may be asked for once: higher derivatives are forward over that.
-    It must work on arrays with more axes, those of lanes, behind the axes that it knows, all lanes
-    alike and none seeing another; out of `jax.vmap` it gets batches that way. What lanes share of
-    its first argument has lanes of length one if `shared`, to be broadcast as NumPy does.
+    Reverse mode may be applied once: higher derivatives are forward over that.
+    The function must work on arrays that have axes of lanes behind those of one case, the same for
+    each lane and independent of other lanes: `jax.vmap` calls it with batches in this form. With
+    `shared`, leaves of its first argument that are equal for all lanes get an axis of lanes of
+    length one, to be broadcast as by NumPy.
 
     In `reverse_mode` an `adjoint` takes the place of the function and its transpose.
 
-    On a CPU it and its first derivatives are compiled to one function each, where they consist of
-    operations that allow it. Keep what this returns: it is traced once.
+    On a CPU the function and its first derivatives are compiled to one machine function each, where
+    they consist of operations that allow it. Keep what this returns: it is traced once.
     """
     plain = _jitted(function)
     fast = _batched(plain, shared)
-    maps = functools.cache(functools.partial(_maps, plain))
-    both_ways = _both_ways(fast, maps)
+    maps_for = functools.cache(functools.partial(_maps, plain))
+    both_ways = _both_ways(fast, maps_for)
 
     def transpose(*which: Any) -> Callable[..., Any]:
         if adjoint is None:
-            return kernel(maps(*which)[1], shared=False)
-        return _batched(_jitted(_own_pull(adjoint.backwards, *which)))
+            return kernel(maps_for(*which)[1], shared=False)
+        return _batched(_jitted(_given_transpose(adjoint.backwards, *which)))
 
-    def alone(*args: Any) -> tuple[Any, Any]:
+    def no_residuals(*args: Any) -> tuple[Any, Any]:
         return fast(*args), ()
 
-    kept = alone if adjoint is None else _batched(_jitted(adjoint.forwards), shared)
-    pulled = _in_reverse(kept, transpose)
+    forwards = no_residuals if adjoint is None else _batched(_jitted(adjoint.forwards), shared)
+    in_reverse = _in_reverse(forwards, transpose)
 
     def call(*args: Any) -> Any:
-        return (pulled if _IN_REVERSE.get() else both_ways)(*args)
+        return (in_reverse if _IN_REVERSE.get() else both_ways)(*args)
 
     return call
 
@@ -75,8 +76,7 @@ _IN_REVERSE: ContextVar[bool] = ContextVar("in_reverse", default=False)
 
 @contextlib.contextmanager
 def reverse_mode() -> Iterator[None]:
-    """A block in which kernels bear `jax.vjp` alone, and their programs hold nothing for
-    `jax.jvp`."""
+    """A block in which kernels have derivatives by `jax.vjp` alone, not by `jax.jvp`."""
     token = _IN_REVERSE.set(True)
     try:
         yield
@@ -102,13 +102,14 @@ def _jitted(function: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
-# From the tree of the arguments, and which of its leaves move, to what `_maps` returns for them.
+# A function of the structure of the arguments and of which leaves move, that returns as `_maps`.
 _Maps = Callable[[Any, tuple[bool, ...]], tuple[Callable[..., Any], Callable[..., Any]]]
 
 
 def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tuple[Any, Any]:
-    """Returns the map from (still, at, rates) to the rate of the result where some of the arguments
-    move, and the transpose of that."""
+    """Derivatives of a function `plain` of a tree of arguments, some of whose leaves are `moving`:
+    the map from (still, at, rates), with leaves `still` and moving ones `at`, to the rate of the
+    result, and the transpose of that."""
 
     def partial(still: list[Array], at: list[Array]) -> Any:
         rest, moved = iter(still), iter(at)
@@ -124,8 +125,11 @@ def _maps(plain: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> tup
     return push, pull
 
 
-def _own_pull(back: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
-    """The second map of `_maps`, with a transpose that is given."""
+def _given_transpose(
+    back: Callable[..., Any], tree: Any, moving: tuple[bool, ...]
+) -> Callable[..., Any]:
+    """A transpose with the arguments of that of `_maps`, by a given function `back` as of
+    `Adjoint.backwards`."""
 
     def pull(still: list[Array], at: list[Array], out: Any, kept: Any) -> list[Array]:
         rest, moved = iter(still), iter(at)
@@ -139,8 +143,9 @@ def _own_pull(back: Callable[..., Any], tree: Any, moving: tuple[bool, ...]) -> 
 def _in_reverse(
     fast: Callable[..., Any], transpose: Callable[..., Callable[..., Any]]
 ) -> Callable[..., Any]:
-    """Returns a function with derivatives in reverse mode alone, from one that returns besides what
-    is kept for these, and what makes the transpose for a structure and the leaves that move."""
+    """A function with derivatives in reverse mode alone, from `fast`, which returns a result and
+    residuals, and `transpose`, which makes the transpose for a structure and the leaves that
+    move."""
     transpose = functools.cache(transpose)
 
     @jax.custom_vjp
@@ -164,9 +169,9 @@ def _in_reverse(
         out = jax.tree.map(
             lambda o: jnp.zeros(o.shape, o.dtype) if _is_zero(o) else o, out, is_leaf=_is_zero
         )
-        some = ([a for a in part if a is not None] for part in (still, at))
+        parts = ([a for a in part if a is not None] for part in (still, at))
         tree = jax.tree.structure(unflatten(range(len(at))))
-        found = iter(transpose(tree, moving)(*some, out, kept))
+        found = iter(transpose(tree, moving)(*parts, out, kept))
         return unflatten([next(found) if moves else None for moves in moving])
 
     pulled.defvjp(forwards, backwards, symbolic_zeros=True)
@@ -174,7 +179,7 @@ def _in_reverse(
 
 
 def _both_ways(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
-    """Returns `fast` with derivatives in both modes."""
+    """The function `fast` with derivatives in both modes, by linear `maps` of `_maps`."""
 
     @functools.cache
     def derivative(tree: Any, moving: tuple[bool, ...]) -> Callable[..., Any]:
@@ -201,11 +206,12 @@ def _both_ways(fast: Callable[..., Any], maps: _Maps) -> Callable[..., Any]:
 
 
 def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[..., Any]:
-    """The map (still, at, rates, out) to push(still, at, rates), like out, with `pull` as its
-    transpose.
+    """The map from (still, at, rates, out) to push(still, at, rates), of the structure of `out`,
+    with `pull` as its transpose.
 
-    As the solution of [[1, 0], [-T, 1]] (x, y) = (rates, 0): the one linear map with a transpose of
-    one's own that can also be batched, and differentiated again.
+    It is the solution y of [[1, 0], [-push, 1]] (x, y) = (rates, 0) by
+    `jax.lax.custom_linear_solve`: of JAX's linear maps with a given transpose the one that can be
+    batched and differentiated again.
     """
     fast_push, fast_pull = _batched(push), _batched(pull)
 
@@ -222,19 +228,19 @@ def _linear_map(push: Callable[..., Any], pull: Callable[..., Any]) -> Callable[
             x, y = xy
             return jax.tree.map(jnp.add, x, fast_pull(still, at, y)), y
 
-        # To be transposed, all of the right-hand side must be linear in what moves, zeros and
-        # rates that are constant too.
-        none = jnp.asarray(sum(jnp.where(np.False_, rate.ravel()[0], 0.0) for rate in rates))
-        rates = [rate + none.astype(rate.dtype) for rate in rates]
-        zero = jax.tree.map(lambda a: jnp.broadcast_to(none, a.shape).astype(a.dtype), out)
+        # To be transposed, the whole right-hand side must depend linearly on the rates: so must the
+        # zeros in it, and rates that are constants.
+        nil = jnp.asarray(sum(jnp.where(np.False_, rate.ravel()[0], 0.0) for rate in rates))
+        rates = [rate + nil.astype(rate.dtype) for rate in rates]
+        zero = jax.tree.map(lambda a: jnp.broadcast_to(nil, a.shape).astype(a.dtype), out)
         return jax.lax.custom_linear_solve(matvec, (rates, zero), solve, transpose_solve)[1]
 
     return apply
 
 
 def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[..., Any]:
-    """The batch rule of a kernel: lanes go last, with copies of all that they share but, if
-    `shared`, the first argument."""
+    """The function with the batch rule of kernels: lanes become last axes, and leaves that lanes
+    share are copied, but those of the first argument if `shared`."""
     one = as_one_function(function)
 
     def call(*args: Any) -> Any:
@@ -242,15 +248,15 @@ def _batched(function: Callable[..., Any], shared: bool = False) -> Callable[...
         first = len(jax.tree.leaves(args[0])) if shared else 0
 
         def many(size: int, moves: tuple[bool, ...], leaves: list[Array]) -> Any:
-            def by(width: int) -> Callable[..., Any]:
+            def in_rows_of(width: int) -> Callable[..., Any]:
                 return lambda leaves: _in_rows(
                     lambda leaves: one(*jax.tree.unflatten(tree, leaves)),
                     size, width, moves, leaves, first,
                 )  # fmt: skip
 
             if not reaches(size, CPU_LANES + 1):
-                return by(size)(leaves)
-            return by_platform(leaves, cpu=by(CPU_LANES), default=by(size))
+                return in_rows_of(size)(leaves)
+            return by_platform(leaves, cpu=in_rows_of(CPU_LANES), default=in_rows_of(size))
 
         def alone(leaves: list[Array]) -> Any:
             return one(*jax.tree.unflatten(tree, leaves))
@@ -264,33 +270,34 @@ def _in_rows(
     one: Callable[..., Any], size: int, width: int, moves: tuple[bool, ...], leaves: list[Array],
     shared: int,
 ) -> Any:  # fmt: skip
-    """The results of lanes in rows of `width`; the first leaves, as many as `shared` says, are not
-    copied for what lanes share."""
+    """The results of `size` lanes, in rows of `width`. Leaves that all lanes share are copied for
+    each lane of a row, but not the first `shared` leaves."""
     rows = -(-size // width)
     extra = rows * width - size
 
     def last(a: Array, moved: bool, copies: int) -> Array:
         if not moved:
             return jnp.broadcast_to(a[..., None], (*a.shape, copies))
-        # The last lane fills up the last row.
+        # Copies of the last lane fill up the last row.
         a = jnp.concatenate([a, jnp.broadcast_to(a[-1:], (extra, *a.shape[1:]))])
         return jnp.moveaxis(a.reshape(rows, width, *a.shape[1:]), 1, -1)
 
     copies = [1] * shared + [width] * (len(leaves) - shared)
     moved = [last(*each) for each in zip(leaves, moves, copies, strict=True)]
 
-    def row(some: list[Array]) -> Any:
-        rest = iter(some)
-        out = one([next(rest) if own else a for a, own in zip(moved, moves, strict=True)])
+    def row_results(row_leaves: list[Array]) -> Any:
+        rest = iter(row_leaves)
+        out = one(
+            [next(rest) if moves_lane else a for a, moves_lane in zip(moved, moves, strict=True)]
+        )
         return jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], width)), out)
 
-    some = [a for a, own in zip(moved, moves, strict=True) if own]
+    row_leaves = [a for a, moves_lane in zip(moved, moves, strict=True) if moves_lane]
     if rows == 1:
-        # Without a loop, so that what comes from one kernel and goes into the next is not turned
-        # around twice.
-        out = jax.tree.map(lambda a: a[None], row([a[0] for a in some]))
+        # Without a loop, so that XLA can drop the transpositions between one kernel and the next.
+        out = jax.tree.map(lambda a: a[None], row_results([a[0] for a in row_leaves]))
     else:
-        out = jax.lax.map(row, some)
+        out = jax.lax.map(row_results, row_leaves)
     return jax.tree.map(
         lambda a: jnp.moveaxis(a, -1, 1).reshape(rows * width, *a.shape[1:-1])[:size], out
     )

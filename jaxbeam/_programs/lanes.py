@@ -1,13 +1,12 @@
-"""The rule of lanes: what `kernel` works on has the axes of a batch behind all others.
+"""Operations on arrays with lanes: in a `kernel`, arrays have axes of lanes behind all others.
 
-Arithmetic of numbers alike is then that of whole arrays, in the vector units of a processor. Most
-of NumPy works with it as it is: sums and products of arrays, indexing and stacking along first
-axes. Here is the rest, with which functions for one case are functions for many: tables of
-constants beside arrays with lanes, products that sum over an axis, and sums along the first axis.
+So the vector units of a processor work on whole rows of lanes. Most operations of NumPy work on
+such arrays as they are: sums and products of arrays, indexing and stacking along first axes. Here
+are the others, with which a function for one case is one for many: constants beside arrays with
+lanes, products that sum over an axis, and sums along the first axis.
 
-To write `@` and `jnp.sum` in their place, and have a traced program rewritten, would have to know
-of every product which of its axes are lanes once `jax.vmap` has put them in front; these functions
-say so where it is known.
+Rewriting traced programs with `@` and `jnp.sum` instead would have to find out of every product
+which of its axes are lanes, after `jax.vmap` has put them in front; these functions state it.
 """
 
 import contextlib
@@ -25,20 +24,21 @@ from jaxtyping import Array, Float
 
 from jaxbeam._programs.platforms import is_for_cpus
 
-LARGE = 48  # rows beyond which a dense matrix is none for `kernel`
+LARGE = 48  # rows beyond which a dense matrix is too large for a `kernel`
 _IN_KERNEL: ContextVar[bool] = ContextVar("in_kernel", default=False)
-# A matrix, or constants of one, with lanes behind its axes.
+# A matrix with axes of lanes behind its own, or a constant matrix without lanes.
 LaneMatrix = Float[Array, "_ _ *#lanes"] | Float[np.ndarray, "_ _ *#lanes"]
-_WRITTEN_OUT = 16  # terms of a sum that are written out one by one; where they are more, in groups
+_WRITTEN_OUT = 16  # terms of a sum that are written out one by one; longer sums go in groups
 _TRANSPOSED: ContextVar[bool] = ContextVar("transposed", default=False)
 
 
 @contextlib.contextmanager
 def transposed(on: bool = True) -> Iterator[None]:
-    """A block whose products have transposes of their own, so that they bear `jax.vjp` alone.
+    """A block in which `sum_of_products` has a transpose that is given, and derivatives by
+    `jax.vjp` alone.
 
-    The transpose of the parts that products are written out in would put arrays together from
-    slices. Within the block `transposed(False)` makes them as outside.
+    JAX's transpose of the slices that products are written out in would put arrays together from
+    slices, slowly. Within the block `transposed(False)` gives the derivatives of JAX again.
     """
     token = _TRANSPOSED.set(on)
     try:
@@ -49,7 +49,7 @@ def transposed(on: bool = True) -> Iterator[None]:
 
 @contextlib.contextmanager
 def in_kernel() -> Iterator[None]:
-    """A block in which what is traced is for a `kernel`."""
+    """A block in which functions are traced for a `kernel`: matrices are multiplied by sums."""
     token = _IN_KERNEL.set(True)
     try:
         yield
@@ -63,9 +63,10 @@ def is_transposed() -> bool:
 
 
 def sum_of_products(a: Any, x: Any, axis: int, lanes: int) -> Array:
-    """Sum over an axis of a * x, which broadcast: the form of a product that a kernel bears.
+    """The sum over an axis of a * x, which broadcast, with so many axes of `lanes`: the form of a
+    product of matrices that is allowed in a kernel.
 
-    Where there are axes of lanes it is written out, so that they fill vector units.
+    With lanes it is written out as a sum of arrays, so that lanes fill vector units.
     """
     return _transposable((a, x), axis, lanes) if is_transposed() else _contract(a, x, axis, lanes)
 
@@ -74,23 +75,23 @@ def _contract(a: Any, x: Any, axis: int, lanes: int) -> Array:
     if not lanes:
         return jnp.sum(a * x, axis)
 
-    def part(array: Any, of: int | slice) -> Any:
+    def slice_of(array: Any, index: int | slice) -> Any:
         if array.shape[axis] == 1:
-            return array[(slice(None),) * axis + (0 if isinstance(of, int) else slice(None),)]
-        return array[(slice(None),) * axis + (of,)]
+            return array[(slice(None),) * axis + (0 if isinstance(index, int) else slice(None),)]
+        return array[(slice(None),) * axis + (index,)]
 
     def total_of(terms: int, term: Any) -> Any:
         return functools.reduce(jnp.add, map(term, range(terms)))
 
     count = max(a.shape[axis], x.shape[axis])
     if count <= _WRITTEN_OUT:
-        return total_of(count, lambda i: part(a, i) * part(x, i))
+        return total_of(count, lambda i: slice_of(a, i) * slice_of(x, i))
     groups = -(-count // _WRITTEN_OUT)
     each = count // groups
 
     def grouped(array: Any) -> Any:
         shape = (1, 1) if array.shape[axis] == 1 else (groups, each)
-        whole = part(array, slice(groups * each))
+        whole = slice_of(array, slice(groups * each))
         return whole.reshape(*array.shape[:axis], *shape, *array.shape[axis + 1 :])
 
     sums = _contract(grouped(a), grouped(x), axis + 1, lanes)
@@ -98,7 +99,7 @@ def _contract(a: Any, x: Any, axis: int, lanes: int) -> Array:
     if groups * each == count:
         return jnp.asarray(out)
     rest = slice(groups * each, None)
-    return out + _contract(part(a, rest), part(x, rest), axis, lanes)
+    return out + _contract(slice_of(a, rest), slice_of(x, rest), axis, lanes)
 
 
 @eqx.filter_custom_vjp
@@ -117,25 +118,26 @@ def _backwards(
 ) -> tuple[Any, Any]:
     out = jnp.expand_dims(out, axis)
 
-    def pulled(own: Any, other: Any) -> Array:
-        """Sum of the other factor times `out` over the axes along which this one is repeated."""
-        whole = jnp.broadcast_shapes(own.shape, other.shape)
-        repeated = [i for i, n in enumerate(whole) if own.shape[i] != n]
+    def cotangent(factor: Any, other: Any) -> Array:
+        """The cotangent of one factor: the sum of the other one times `out` over the axes along
+        which the factor is broadcast."""
+        whole = jnp.broadcast_shapes(factor.shape, other.shape)
+        repeated = [i for i, n in enumerate(whole) if factor.shape[i] != n]
         if not repeated:
             return jnp.broadcast_to(other * out, whole)
         found = jnp.expand_dims(_contract(other, out, repeated[0], lanes), repeated[0])
         for i in repeated[1:]:
             found = pairwise_sum(jnp.moveaxis(found, i, 0))[None]
             found = jnp.moveaxis(found, 0, i)
-        return jnp.broadcast_to(found, own.shape)
+        return jnp.broadcast_to(found, factor.shape)
 
     a, x = both
     moves = [p is True for p in perturbed]
-    return pulled(a, x) if moves[0] else None, pulled(x, a) if moves[1] else None
+    return cotangent(a, x) if moves[0] else None, cotangent(x, a) if moves[1] else None
 
 
 def matmul(a: LaneMatrix, b: LaneMatrix) -> Array:
-    """The product of two matrices, in the form that a kernel bears if this is in one."""
+    """The product of two matrices, as `sum_of_products` in kernels and with lanes, else as `@`."""
     lanes = max(a.ndim, b.ndim) - 2
     return (
         sum_of_products(a[:, :, None], b[None], 1, lanes)
@@ -145,22 +147,23 @@ def matmul(a: LaneMatrix, b: LaneMatrix) -> Array:
 
 
 def matvec(a: LaneMatrix, x: Float[Array, "b *#lanes"]) -> Array:
-    """The product of a matrix and a vector, in the form that a kernel bears if this is in one."""
+    """The product of a matrix and a vector, as `sum_of_products` in kernels and with lanes, else as
+    `@`."""
     lanes = x.ndim - 1
     return sum_of_products(a, x[None], 1, lanes) if _is_written_out(lanes) else jnp.asarray(a @ x)
 
 
 def _is_written_out(lanes: int) -> bool:
-    """Whether a product with so many axes of lanes is written out as sums, and not given to a
-    library."""
+    """Whether a product of arrays with so many axes of lanes is written out as sums, and not given
+    to a library: in kernels, and with lanes."""
     return lanes > 0 or _IN_KERNEL.get()
 
 
 def matvec_once(a: LaneMatrix, x: Float[Array, "b *#lanes"]) -> Array:
-    """The product of a matrix and a vector, computed once, and its factors too.
+    """The product of a matrix and a vector, with barriers against fusion (see `compute_once`).
 
-    Neither are the factors made anew for each row, nor is the product for each use, and a loop over
-    lanes has no more in it than compilers vectorise.
+    So the vector is not computed again for each row, nor the product for each of its uses, and
+    loops over lanes stay short enough for compilers to vectorise.
     """
     return compute_once(matvec(a, compute_once(x)))
 
@@ -168,7 +171,7 @@ def matvec_once(a: LaneMatrix, x: Float[Array, "b *#lanes"]) -> Array:
 def weighted_sum(
     weights: Float[Array, "k *#lanes"], tables: Float[Array, "k n n *#lanes"]
 ) -> Array:
-    """The sum of matrices with weights, which are computed once."""
+    """The sum of k matrices times weights; in kernels the weights are computed once."""
     lanes = weights.ndim - 1
     if not _is_written_out(lanes):
         return jnp.tensordot(weights, tables, 1)
@@ -176,7 +179,7 @@ def weighted_sum(
 
 
 def append_axes(table: Any, axes: int) -> Any:
-    """A table with axes of length one behind its own, so that it broadcasts over lanes."""
+    """An array with `axes` axes of length one behind its own, so that it broadcasts over lanes."""
     return table.reshape(*table.shape, *(1,) * axes)
 
 
@@ -196,16 +199,16 @@ def _same(values: Any) -> Any:
 
 
 def compute_once(values: Any) -> Any:
-    """Arrays as they are, computed once: a barrier to the fusion of loops.
+    """Arrays as they are behind a barrier, so that XLA computes them once.
 
-    XLA for CPUs joins loops, and would rather compute a product or a sum anew for each row of
-    numbers that is made of it, and what that is made of; but not across the border of a call.
+    XLA for CPUs fuses loops, and may compute a product or a sum again for each row of numbers that
+    uses it, and all that it depends on; but it does not fuse across a call of a function.
     """
     if not is_for_cpus():
         return values
     if not _IN_KERNEL.get():
-        # XLA moves constants into functions, and ends the process over operands that nothing uses
-        # any more. Kernels have their own barrier, and could not be one function with this.
+        # XLA moves constants into functions, and crashes over operands that are unused after that:
+        # the barrier prevents it. Kernels have their own, and bear none inside.
         values = jax.lax.optimization_barrier(values)
     with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
         return _same(values)

@@ -1,7 +1,7 @@
-"""A loop whose batches wait for nobody.
+"""A loop for batches of cases that end after different numbers of steps.
 
-In a batch of loops that end at different times, `jax.lax.while_loop` goes on for all until the last
-one ends. Here the next case takes the place of one that is done.
+`jax.lax.while_loop` goes on for all cases of a batch until the last one ends. Here the next case
+takes the place of one that is done.
 """
 
 from collections.abc import Callable
@@ -17,8 +17,8 @@ from jaxbeam._programs.anywhere import anywhere
 from jaxbeam._programs.batches import CPU_LANES, batchable, reaches
 from jaxbeam._programs.platforms import by_platform
 
-# Cases that other devices than a CPU work on together: one that makes place for the next costs
-# them more than some steps that nobody needs.
+# Cases that a GPU works on together: replacing one that is done costs more there than some
+# superfluous steps.
 _MANY = 1 << 17
 
 GoesOn = Callable[[Any, Any], Any]
@@ -28,19 +28,19 @@ StepFunction = Callable[[Any, Any], Any]
 def loop(goes_on: GoesOn, step: StepFunction, fixed: Any, state: Any) -> Any:
     """The state after `while goes_on(fixed, state): state = step(fixed, state)`.
 
-    `fixed` and `state` are pytrees that hold all arrays that the two functions see; `step` must
-    leave a state as it is that is done. In a batch, by `jax.vmap` once or several times, 32 cases
-    on a CPU (131,072 elsewhere) are worked on at a time; one that is done makes place for the next.
-    Each gets the steps that it would get alone, in the order given.
+    `fixed` and `state` are pytrees with all arrays that the two functions use; `step` must not
+    change a state that is done. Of a batch, by `jax.vmap` once or several times, 32 cases on a CPU
+    (131,072 elsewhere) are worked on at a time, and the next one takes the place of one that is
+    done. Each gets the steps that it would get alone, in their order.
 
     Differentiable in forward mode, to any order: rates are then a part of the state.
     """
-    (own, start), rest = eqx.partition((fixed, state), eqx.is_array)
-    given, own_tree = jax.tree.flatten(own)
+    (arrays, start), rest = eqx.partition((fixed, state), eqx.is_array)
+    given, arrays_tree = jax.tree.flatten(arrays)
     at, state_tree = jax.tree.flatten(start)
 
     def combined(given: _Leaves, at: _Leaves) -> Any:
-        trees = jax.tree.unflatten(own_tree, given), jax.tree.unflatten(state_tree, at)
+        trees = jax.tree.unflatten(arrays_tree, given), jax.tree.unflatten(state_tree, at)
         return eqx.combine(trees, rest)
 
     def more(given: _Leaves, at: _Leaves) -> Any:
@@ -54,16 +54,16 @@ def loop(goes_on: GoesOn, step: StepFunction, fixed: Any, state: Any) -> Any:
 
 
 _Leaves = list[Array]
-# Rates among the leaves, numbered one list behind the other, with the differentiations that made
-# them: they change only what these and others made, and not when a case ends. A case may have
-# several of each.
+# Indices of leaves that are rates, counted through both lists of leaves, each with the set of
+# differentiations (numbered) that made it. Rates influence only other rates, not when a case ends.
+# So one case may carry several values of each: a batch in which only rates differ is one loop.
 _Riders = dict[int, frozenset[int]]
 
 
 def _loop(
     more: GoesOn, once: StepFunction, given: _Leaves, start: _Leaves, riders: _Riders
 ) -> _Leaves:
-    """The `loop` of lists of arrays, some of which are `riders`."""
+    """The `loop` by lists of arrays, some of which are rates, `riders` (see `_Riders`)."""
     count = len(given)
 
     def plain(leaves: _Leaves) -> _Leaves:
@@ -74,11 +74,11 @@ def _loop(
 
     def carried(size: int, moves: tuple[bool, ...], leaves: _Leaves) -> Any:
         made = [riders.get(i, frozenset()) for i in range(len(leaves))]
-        moving = [by for by, moved in zip(made, moves, strict=True) if moved]
+        moving = [origins for origins, moved in zip(made, moves, strict=True) if moved]
         if not all(moving):
             return None
-        rides = [any(by <= own for by in moving) for own in made]
-        return _aboard(size, moves, rides, more, once, leaves, count, riders)
+        rides = [any(origins <= origin for origins in moving) for origin in made]
+        return _batch_of_rates(size, moves, rides, more, once, leaves, count, riders)
 
     def many(size: int, moves: tuple[bool, ...], leaves: _Leaves) -> _Leaves:
         def whole(moving: _Leaves, at: _Leaves) -> tuple[_Leaves, _Leaves]:
@@ -110,38 +110,38 @@ def _loop(
     return run([*given, *start])
 
 
-def _everywhere(size: int, a: Array, moved: bool) -> Array:
+def _for_each_case(size: int, a: Array, moved: bool) -> Array:
     return a if moved else jnp.broadcast_to(a, (size, *a.shape))
 
 
-def _aboard(
+def _batch_of_rates(
     size: int, moves: tuple[bool, ...], rides: list[bool], more: GoesOn, once: StepFunction,
     leaves: _Leaves, count: int, riders: _Riders,
 ) -> tuple[_Leaves, list[bool]]:  # fmt: skip
-    """The batch rule of riders: a batch in which riders alone differ is one case with so many of
-    each that `rides`."""
-    axes = [0 if own else None for own in rides]
+    """The loop of a batch in which only rates differ between cases: that of one case, with `size`
+    values of each leaf that `rides`."""
+    axes = [0 if is_rate else None for is_rate in rides]
     every = jax.vmap(once, in_axes=(axes[:count], axes[count:]))
 
     def step(given: _Leaves, at: _Leaves) -> _Leaves:
         out = zip(every(given, at), rides[count:], strict=True)
-        return [a if own else a[0] for a, own in out]
+        return [a if is_rate else a[0] for a, is_rate in out]
 
     def goes_on(*now: _Leaves) -> Any:
         first = iter(rides)
         return more(*([a[0] if next(first) else a for a in part] for part in now))
 
     triples = zip(leaves, moves, rides, strict=True)
-    leaves = [_everywhere(size, a, moved) if own else a for a, moved, own in triples]
+    leaves = [_for_each_case(size, a, moved) if is_rate else a for a, moved, is_rate in triples]
     return _loop(goes_on, step, leaves[:count], leaves[count:], riders), rides[count:]
 
 
 def _with_rates(
     more: GoesOn, once: StepFunction, leaves: _Leaves, rates: Any, count: int, riders: _Riders
 ) -> tuple[_Leaves, Any]:
-    """The final state and its rates, which ride with it."""
+    """The final state of the loop and its rates, which are carried along as parts of the state."""
     moving = [i for i, a in enumerate(leaves) if eqx.is_inexact_array(a)]
-    own = sum(i < count for i in moving)  # rates of what is given, behind it
+    n_given = sum(i < count for i in moving)  # number of rates of `given`, which come after it
     states = len(leaves) - count
 
     def pushed(given: _Leaves, at: _Leaves) -> _Leaves:
@@ -152,7 +152,7 @@ def _with_rates(
             for i, a in zip(moving, some, strict=True):
                 every[i] = a
             out = once(every[:count], every[count:])
-            return [out[i - count] for i in moving[own:]], out
+            return [out[i - count] for i in moving[n_given:]], out
 
         _, rate, out = jax.jvp(by_moving, ([now[i] for i in moving],), (rate,), has_aux=True)
         return [*out, *rate]
@@ -160,14 +160,17 @@ def _with_rates(
     def goes_on(given: _Leaves, at: _Leaves) -> Any:
         return more(given[:count], at[:states])
 
-    given = [*leaves[:count], *(rates[i] for i in moving[:own])]
-    start = [*leaves[count:], *(rates[i] for i in moving[own:])]
+    given = [*leaves[:count], *(rates[i] for i in moving[:n_given])]
+    start = [*leaves[count:], *(rates[i] for i in moving[n_given:])]
     this = frozenset([len(frozenset().union(*riders.values()))])
-    old = {i if i < count else i + own: by for i, by in riders.items()}
-    places = [*range(count, count + own), *range(count + own + states, len(given) + len(start))]
+    old = {i if i < count else i + n_given: makers for i, makers in riders.items()}
+    places = [
+        *range(count, count + n_given),
+        *range(count + n_given + states, len(given) + len(start)),
+    ]
     new = {at: riders.get(i, this) | this for at, i in zip(places, moving, strict=True)}
     out = _loop(goes_on, pushed, given, start, old | new)
-    found = dict(zip(moving[own:], out[states:], strict=True))
+    found = dict(zip(moving[n_given:], out[states:], strict=True))
     none = jax.dtypes.float0
     return out[:states], [
         found.get(i, np.zeros(leaves[i].shape, none)) for i in range(count, len(leaves))
@@ -175,7 +178,8 @@ def _with_rates(
 
 
 class _Ensemble:
-    """Cases that go ahead together; their beginnings are of each case where it `moves`."""
+    """A batch of `size` cases of a loop; `moves` says which leaves of the state begin with a value
+    for each case."""
 
     def __init__(
         self, goes_on: GoesOn, step: StepFunction, size: int, moves: tuple[bool, ...]
@@ -184,14 +188,14 @@ class _Ensemble:
         self.size, self.moves = size, moves
 
     def starts(self, size: int, start: _Leaves) -> _Leaves:
-        """The beginnings of the first cases, `size` of them."""
+        """First states of the first `size` cases."""
         return [
-            a[:size] if moved else _everywhere(size, a, False)
+            a[:size] if moved else _for_each_case(size, a, False)
             for a, moved in zip(start, self.moves, strict=True)
         ]
 
     def together(self, fixed: _Leaves, start: _Leaves) -> _Leaves:
-        """All cases side by side, until the last one is done."""
+        """The final states, with steps for all cases until the last one is done."""
         return jax.lax.while_loop(
             lambda state: jnp.any(self.goes_on(fixed, state)),
             lambda state: self.step(fixed, state),
@@ -199,7 +203,7 @@ class _Ensemble:
         )
 
     def in_batches_of(self, width: int) -> StepFunction:
-        """A function that runs all cases, `width` of them at a time."""
+        """A function that returns the final states of all cases, worked on `width` at a time."""
 
         def run(fixed: _Leaves, start: _Leaves) -> _Leaves:
             small = self.size <= width
@@ -208,33 +212,33 @@ class _Ensemble:
         return run
 
     def queue(self, width: int, fixed: _Leaves, start: _Leaves) -> _Leaves:
-        """The final states, each case taken as soon as there is a place for it."""
-        size, nobody = self.size, jnp.asarray(self.size)
+        """The final states, with `width` lanes: the next case starts where one is done."""
+        size, no_case = self.size, jnp.asarray(self.size)
 
         def exchange(now: Any) -> Any:
-            """Puts away one case that is done, and takes the next one."""
-            done, who, coming, own, state, results = now
+            """Store the result of one case that is done, and start the next one in its lane."""
+            done, who, coming, lane_fixed, state, results = now
             lane = jnp.argmax(done)
             results = _put(results, [_row(a, lane) for a in state], who[lane])
-            # When all are taken the lane stays as it is, done, and belongs to nobody. What it is is
-            # read from the results: were it read from the state that is overwritten then, XLA would
-            # copy all of that.
+            # When all cases have been started, the lane keeps its final state and belongs to no
+            # case. That state is read from the results: if it were read from `state`, which is
+            # overwritten next, XLA would copy all of that.
             old = [_row(a, who[lane]) for a in results]
-            there = coming < size
+            is_left = coming < size
             next_one = jnp.minimum(coming, size - 1)
             pairs = zip(start, self.moves, strict=True)
             new = [_row(a, next_one) if moved else a for a, moved in pairs]
-            new = [jnp.where(there, a, b) for a, b in zip(new, old, strict=True)]
-            own = _put(own, [_row(a, next_one) for a in fixed], lane)
-            who = who.at[lane].set(jnp.where(there, coming, nobody))
+            new = [jnp.where(is_left, a, b) for a, b in zip(new, old, strict=True)]
+            lane_fixed = _put(lane_fixed, [_row(a, next_one) for a in fixed], lane)
+            who = who.at[lane].set(jnp.where(is_left, coming, no_case))
             state = _put(state, new, lane)
-            return done.at[lane].set(False), who, coming + there, own, state, results
+            return done.at[lane].set(False), who, coming + is_left, lane_fixed, state, results
 
         def body(now: Any) -> Any:
-            who, coming, own, state, results = now
-            state = self.step(own, state)
-            done: Bool[Array, " w"] = ~self.goes_on(own, state) & (who < size)
-            now = done, who, coming, own, state, results
+            who, coming, lane_fixed, state, results = now
+            state = self.step(lane_fixed, state)
+            done: Bool[Array, " w"] = ~self.goes_on(lane_fixed, state) & (who < size)
+            now = done, who, coming, lane_fixed, state, results
             return jax.lax.while_loop(lambda now: jnp.any(now[0]), exchange, now)[1:]
 
         first = [a[:width] for a in fixed]

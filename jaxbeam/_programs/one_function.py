@@ -1,4 +1,4 @@
-"""Functions that are compiled as a whole, by an emitter of XLA for CPUs that joins all loops."""
+"""Functions that XLA for CPUs compiles to one machine function each, with all loops fused."""
 
 import functools
 from collections.abc import Callable, Iterator
@@ -14,8 +14,8 @@ from jaxtyping import Array
 from jaxbeam._programs.lanes import pairwise_sum
 from jaxbeam._programs.platforms import by_platform
 
-# What XLA's emitter of whole functions for the CPU takes, of what we use: no products of matrices
-# (they go to libraries), scattering, sorting or calls of any other kind.
+# Operations, of those that this package uses, that XLA can compile as parts of one CPU function: no
+# products of matrices (these call libraries), scattering, sorting or other calls.
 # fmt: off
 _ALLOWED = frozenset({
     "abs", "add", "add_any", "and", "atan2", "broadcast_in_dim", "clamp", "closed_call",
@@ -27,14 +27,13 @@ _ALLOWED = frozenset({
     "squeeze", "stack", "stop_gradient", "sub", "transpose", "unstack", "while", "zeros_like",
 })
 # fmt: on
-_REDUCED = 4000  # numbers that may be summed at once: 4096 are too many
-_FEW = 16  # terms of a sum that are written out one by one: longer ones are halved
+_REDUCED = 4000  # numbers that one sum may have: XLA calls a library for 4096 or more
+_FEW = 16  # terms of a sum that are written out one by one: longer sums go by halves
 
 
 def as_one_function(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function that is compiled to one function on a CPU, if all its operations are allowed. Its
-    own derivatives are not: XLA's emitter may end the process over what forward mode makes of an
-    adjoint."""
+    """A function that is compiled to one machine function on a CPU, if all its operations are
+    allowed. Its derivatives are not: XLA may crash over forward mode of an adjoint."""
 
     @functools.cache
     def pushed() -> Callable[..., Any]:
@@ -51,13 +50,13 @@ def as_one_function(function: Callable[..., Any]) -> Callable[..., Any]:
         @jax.jit
         def one_function(*args: Any) -> tuple[Any, Array]:
             leaves = jax.tree.leaves(args)
-            # The emitter does not bear operands that nothing uses.
+            # XLA crashes over unused operands here: a sum uses them all.
             used = sum(a[(0,) * a.ndim] if a.ndim else a for a in leaves if a.size)
             return jax.tree.unflatten(jax.tree.structure(out), jaxpr_as_fun(short)(*leaves)), used
 
         def fast(*args: Any) -> Any:
-            # XLA moves constants into functions, and ends the process over operands that nothing
-            # uses any more.
+            # XLA moves constants into functions, and crashes over operands that are unused after
+            # that: the barrier prevents it.
             args = jax.lax.optimization_barrier(args)
             how = {"xla_cpu_small_call": "true", "inlineable": "false"}
             return set_xla_metadata(one_function(*args), **how)[0]
@@ -69,7 +68,7 @@ def as_one_function(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _equations(closed: ClosedJaxpr | Jaxpr) -> Iterator[JaxprEqn]:
-    """All equations that a program runs, at any depth."""
+    """All equations of a program, those of inner programs included."""
     for equation in closed.eqns:
         yield equation
         inner = equation.params
@@ -93,14 +92,14 @@ def _is_long_sum(equation: Any) -> bool:
 
 
 def without_dead_parts(closed: ClosedJaxpr) -> ClosedJaxpr:
-    """The program without what its results do not need, at any depth."""
+    """The program without operations that its results do not need, inner programs included."""
     body, _ = dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
     return ClosedJaxpr(body, closed.consts)
 
 
 def without_rules(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of arrays without the rules for reverse mode (`jax.custom_vjp`) that its parts may
-    have. One that nothing was asked of would stay, and JAX refuses to push forward through it."""
+    """A function of arrays without the rules for reverse mode (`jax.custom_vjp`) that functions
+    within it have: JAX refuses forward mode where such a rule is left, even an unused one."""
 
     def run(*args: Any) -> Any:
         closed, out = jax.make_jaxpr(function, return_shape=True)(*args)
@@ -121,8 +120,8 @@ def _without_rule(equation: JaxprEqn) -> Callable[..., Any]:
 
 
 def _shortened(closed: ClosedJaxpr) -> ClosedJaxpr:
-    """The program with long sums in pieces, at any depth: XLA gives them to a library, which a
-    function that is compiled as one cannot call."""
+    """The program with long sums in pieces, inner programs included: XLA gives long sums to a
+    library, which one machine function cannot call."""
     return _mended(
         closed, _is_long_sum,
         lambda equation: functools.partial(_short_sum, axes=equation.params["axes"]),
@@ -134,7 +133,8 @@ _Instead = Callable[[JaxprEqn], Callable[..., Any]]
 
 
 def _mended(closed: ClosedJaxpr, is_wrong: _Wrong, instead: _Instead) -> ClosedJaxpr:
-    """The program with functions `instead` of some of its equations, at any depth."""
+    """The program in which a function `instead` takes the place of each equation that `is_wrong`,
+    inner programs included."""
     return ClosedJaxpr(_mended_body(closed.jaxpr, is_wrong, instead), closed.consts)
 
 

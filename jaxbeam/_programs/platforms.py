@@ -1,4 +1,4 @@
-"""What is done in one way on CPUs, and in another one elsewhere."""
+"""Choices between CPUs and other devices, such as GPUs, when functions are traced."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,22 +8,22 @@ import jax.numpy as jnp
 from jax.extend import backend
 from jaxtyping import Array
 
-# For what a function is traced: "cpu", "others", or, outside of `by_platform`, None. JAX's caches
-# see a context of this kind, so that what is traced for one is not taken for the other.
+# The device that a function is traced for: "cpu", "others", or None outside of `by_platform`. As a
+# context of JAX it is a key of JAX's caches, so that no trace for one device is used for another.
 _TRACED_FOR = jax.make_user_context(None)
 
 
 def once(rows: Array) -> Array:
-    """Rows of numbers (k, p), which are computed once: compilers for CPUs would rather make what is
-    dear, a cosine say, anew for each of the many numbers that it is a factor of. What they do not
-    put off is a product of matrices, if only with the unit matrix."""
+    """Rows of numbers (k, p) as they are, computed once. XLA for CPUs may compute a dear factor,
+    such as a cosine, again for each of the numbers that it multiplies; but it computes a product of
+    matrices once, here with the unit matrix."""
     return jnp.eye(len(rows), dtype=rows.dtype) @ rows
 
 
 def by_platform(*args: Any, cpu: Callable[..., Any], default: Callable[..., Any]) -> Any:
-    """The result of `jax.lax.platform_dependent`; but where there are only CPUs, what is for others
-    is not even traced, which takes as long as what is used. Nor is, within one, what is for the
-    other."""
+    """The result of `cpu` on CPUs, of `default` elsewhere, by `jax.lax.platform_dependent`. Where
+    the device is known (there are only CPUs, or this is within another `by_platform`) the other
+    function is not even traced, which would take as long as the one that is used."""
     if loops_are_dear():
         return default(*args)
     if is_for_cpus():
@@ -34,14 +34,14 @@ def by_platform(*args: Any, cpu: Callable[..., Any], default: Callable[..., Any]
 
 
 def is_for_cpus() -> bool:
-    """Whether it is sure that what is traced here is for CPUs."""
+    """Whether functions that are traced here are known to be for CPUs."""
     return not loops_are_dear() and (_only_cpus() or bool(_TRACED_FOR.value == "cpu"))
 
 
 def loops_are_dear() -> bool:
-    """Whether what is traced here is for a device, such as a GPU, that starts some kernels of its
-    own in each turn of a loop, which takes longer than a short turn does. A short loop is better
-    written out there; on a CPU it keeps in the cache what it works on, and programs small."""
+    """Whether functions that are traced here are for a device, such as a GPU, that starts kernels
+    of its own in each turn of a loop: this takes longer than a short turn. Short loops are better
+    written out there, while on a CPU they keep data in the cache and programs small."""
     return bool(_TRACED_FOR.value == "others")
 
 

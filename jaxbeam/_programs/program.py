@@ -1,5 +1,4 @@
-"""Compiled functions: at once and quickly what is called for the first time, well what is called
-often."""
+"""Compiled functions: compiled quickly for first calls, and well when they are called often."""
 
 import functools
 from collections.abc import Callable, Hashable, Mapping
@@ -15,9 +14,8 @@ from jaxbeam._programs.structure import name_of
 from jaxbeam._programs.traced import Traces
 from jaxbeam._programs.transformed import Around, around, linear_program, linearized
 
-# XLA once had other emitters of code for the CPU, which take half as long for programs like ours
-# and make them as fast. The last releases of JAX for Python 3.11 have both; later ones know no
-# such option.
+# XLA's older emitters of CPU code compile programs like ours in half the time, and the programs are
+# as fast. The last releases of JAX for Python 3.11 still have them; later ones have no such option.
 _HASTE = {"xla_cpu_use_fusion_emitters": False}
 # The first level of LLVM's optimiser takes two thirds of the time of the third, JAX's default, for
 # programs that are as fast.
@@ -25,9 +23,9 @@ _WELL = {"xla_backend_optimization_level": 1}
 # Without LLVM's optimiser programs compile in a fifth to a half of the time, and take six to ten
 # times as long to run.
 QUICK = {"xla_backend_optimization_level": 0}
-# Calls with arguments of one kind that are made without it. By then they have taken, for programs
-# of some milliseconds, about as long as to compile well, which is then done: by a count, not by a
-# clock, so that a script gives the same bits each time that it runs.
+# Calls with arguments of one kind that use the program compiled quickly. By then they have taken,
+# for programs of some milliseconds, about as long as to compile well, which is done next. Counted,
+# not timed, so that a script gives the same bits each time that it runs.
 CALLS = 32
 
 _may_be_quick = True
@@ -36,12 +34,12 @@ _may_be_quick = True
 class Program:
     """A decorator like `equinox.filter_jit`, with programs of two kinds.
 
-    A user's first calls are of a program that is compiled quickly and runs slowly, later ones of
-    one that is compiled well. Within another program or a transformation it becomes a part of what
-    is compiled there, by the options of that. With `jit=jax.jit`, for functions of arrays alone,
-    its programs end with it; those of equinox stay for ever. `calls` is how many are quick: none
-    for what works on many cases or for long. `identity` tells the function from others in a folder
-    of programs, by its name if it has one in this package; `refused` hears why one is not kept.
+    A user's first calls, as many as `calls`, are of a program that is compiled quickly and runs
+    slowly, later ones of one that is compiled well. `calls` is zero for functions that work on many
+    cases or for long. Within another program the function becomes a part of that. With `jit=jax.jit`, for functions of arrays alone, its programs are freed with it;
+    those of equinox stay for ever. `identity` returns what tells the function from others in a
+    folder of programs (by default its name in this package), and `refused` is called with the error
+    for which a program is not kept.
     """
 
     def __init__(
@@ -51,27 +49,28 @@ class Program:
     ) -> None:  # fmt: skip
         functools.update_wrapper(self, function)
         self._jit, self._calls = jit, calls
-        self._made: dict[Hashable, int] = {}  # of each kind of arguments
+        self._made: dict[Hashable, int] = {}  # quick calls made, for each kind of arguments
         self.part = part = jit(function)
 
         @functools.wraps(function)
         def whole(*args: Any, **kwargs: Any) -> Any:
-            return part(*args, **kwargs)  # what is traced for one is there for the other
+            return part(*args, **kwargs)  # so that both kinds of programs share one trace
 
         self._whole = whole
-        # Not of the program: for that of JAX 1, 1.0 and True are the same argument.
+        # Traced from `function`, since to `part`, as a program of JAX, 1, 1.0 and True are equal.
         self._traces = Traces(identity or (lambda: name_of(self)), function, refused)
 
     @functools.cached_property
     def well(self) -> "OuterProgram":
-        """The program of a call outside of all others, compiled well."""
+        """The well compiled program, for calls outside of all other programs."""
         how = _known(_HASTE) | _known(_WELL)
         made = self._jit(self._whole, compiler_options=how) if how else self.part
         return OuterProgram(made, self.part, self._traces, how)
 
     @functools.cached_property
     def quick(self) -> "OuterProgram":
-        """The program of a call outside of all others, compiled quickly; or as `well`."""
+        """The quickly compiled program, for calls outside of all other programs; `well` on devices
+        whose compiler has no such option."""
         how = _known(QUICK)
         if not how:
             return self.well
@@ -79,8 +78,9 @@ class Program:
         made = self._jit(self._whole, compiler_options=how)
         return OuterProgram(made, self.part, self._traces, how)
 
-    def here(self, *args: Any, **kwargs: Any) -> Any:
-        """The program that a call from here takes with these arguments; the call is counted."""
+    def for_call(self, *args: Any, **kwargs: Any) -> Any:
+        """The program that a call with these arguments uses, which depends on whether it comes from
+        within another program; the call is counted."""
         if _is_within():
             return self.part
         kind = _kind((args, kwargs))
@@ -90,33 +90,38 @@ class Program:
         return program
 
     def _next(self, kind: Hashable | None) -> "OuterProgram":
-        """The program that the next call with arguments of a kind takes, outside of all others."""
+        """The program, `quick` or `well`, that the next call with arguments of a kind uses outside
+        of all other programs."""
         may_be_quick = _may_be_quick and kind is not None
         return self.quick if may_be_quick and self._made.get(kind, 0) < self._calls else self.well
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        if (transformations := around()) is None or self._jit is not eqx.filter_jit:
-            return self.here(*args, **kwargs)(*args, **kwargs)
+        if (transformations := self._around()) is None:
+            return self.for_call(*args, **kwargs)(*args, **kwargs)
         kind = _kind((args, kwargs))
-        many = transformations.is_batched and not transformations.is_linearized
-        program = self.well if many else self._next(kind)
-        self._made[kind] = self._made.get(kind, 0) + 1
+        program = self.well if transformations.is_batch_of_values else self._next(kind)
+        if program is not self.well:
+            self._made[kind] = self._made.get(kind, 0) + 1
         return program.transformed(transformations, args, kwargs)
 
     def enough(self, *args: Any, **kwargs: Any) -> None:
-        """Let no call with arguments of this kind be quick any more: they take too long."""
+        """Let all further calls with arguments of this kind use the well compiled program, since
+        they take long."""
         self._made[_kind((args, kwargs))] = self._calls
 
     def at_length(self, *args: Any, **kwargs: Any) -> Any:
-        """The result of a call of which the caller knows that it takes long: by a program that is
-        compiled well."""
-        if (transformations := around()) is None or self._jit is not eqx.filter_jit:
+        """The result of a call that is known to take long, by the well compiled program."""
+        if (transformations := self._around()) is None:
             return (self.part if _is_within() else self.well)(*args, **kwargs)
         return self.well.transformed(transformations, args, kwargs)
 
+    def _around(self) -> Around | None:
+        """Transformations of JAX around the caller in which a program may have options."""
+        return around() if self._jit is eqx.filter_jit else None
+
     def prepare(self, *args: Any, **kwargs: Any) -> None:
-        """Compile the program that the next call with these arguments takes; not within other
-        programs."""
+        """Compile the program that the next call with these arguments will use; not to be called
+        from within other programs."""
         self._next(_kind((args, kwargs))).prepare(*args, **kwargs)
 
     def lower(self, *args: Any, **kwargs: Any) -> Any:
@@ -126,39 +131,40 @@ class Program:
 
 
 class OuterProgram:
-    """A program outside of all others, with options of the compiler: that which is kept between
-    processes, if such are kept and it can be."""
+    """A program, with options of the compiler, for calls outside of all other programs: the traced
+    one of `keep`'s folder where there is one."""
 
     def __init__(self, made: Any, part: Any, traces: Traces, options: dict[str, Any]) -> None:
         """`part` is the same program without options."""
         self._made, self._part, self._traces, self._options = made, part, traces, options
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        traced, arrays = self._traces.of(args, kwargs)
+        traced, arrays = self._traces.lookup(args, kwargs)
         if traced is None:
             return self._made(*args, **kwargs)
         return traced.result(traced.program(self._options)(*arrays))
 
     def transformed(self, transformations: Around, args: Any, kwargs: Any) -> Any:
-        """The result where transformations are applied, and no program is around them."""
+        """The result of a call within transformations of JAX that no other program is around."""
         if not transformations.is_linearized:
             return self._made(*args, **kwargs)
         return linearized(self._made, self._linear, args, kwargs)
 
     @functools.cached_property
     def _linear(self) -> Callable[..., Any]:
+        """The program of the value and of the linearization, with the same options."""
         return linear_program(self._part, self._options)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
         """Compile the program for a call with these arguments."""
-        traced, arrays = self._traces.of(args, kwargs)
+        traced, arrays = self._traces.lookup(args, kwargs)
         if traced is None:
             self._made.lower(*args, **kwargs).compile()
         else:
             traced.program(self._options).lower(*arrays).compile()
 
     def lower(self, *args: Any, **kwargs: Any) -> Any:
-        """The lowered program that is made here, and never a kept one."""
+        """The program lowered in this process, never a kept one."""
         return self._made.lower(*args, **kwargs)
 
 
@@ -178,8 +184,8 @@ def compile_well(always: bool = True) -> None:
 
 
 def _kind(arguments: Any) -> Hashable | None:
-    """The kind of arguments that a program is compiled for; None for what cannot be told from
-    others."""
+    """The kind of arguments that a program is compiled for: structure, shapes, types and static
+    values; None where these cannot be hashed."""
     leaves, structure = jax.tree.flatten(arguments)
     kinds: list[Any] = [structure]
     for leaf in leaves:
@@ -193,8 +199,8 @@ def _kind(arguments: Any) -> Hashable | None:
 
 
 def _is_within() -> bool:
-    """Whether the caller is within another program or a transformation of JAX, which bear no
-    options."""
+    """Whether the caller is traced by another program or a transformation of JAX, in which programs
+    with compiler options are not allowed."""
     return get_opaque_trace_state() != _outside()
 
 
@@ -211,7 +217,7 @@ def _elsewhere(ask: Callable[[], Any]) -> Any:
 
 
 def _known(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options, if programs are compiled for a CPU, by a compiler that knows them; else none."""
+    """The options themselves where programs are for a CPU and the compiler has them, else none."""
     return dict(options) if _knows(tuple(options.items())) else {}
 
 
@@ -221,6 +227,6 @@ def _knows(options: tuple[tuple[str, Any], ...]) -> bool:
         return False
     try:
         _elsewhere(lambda: jax.jit(lambda: 0, compiler_options=dict(options)).lower().compile())
-    except Exception:  # of what kind differs from release to release
+    except Exception:  # the class of the error differs from release to release
         return False
     return True

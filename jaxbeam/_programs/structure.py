@@ -1,4 +1,4 @@
-"""Arguments and results of programs as text, by their structure: no part of a file is executed."""
+"""Arguments and results of programs as text, by structure, so that reading it executes nothing."""
 
 import dataclasses
 import enum
@@ -12,14 +12,14 @@ import equinox as eqx
 import jax
 import numpy as np
 
-# What a text may name: modules, classes and functions of these packages, whose versions belong to
-# what is kept.
+# Packages whose modules, classes and functions a text may name: kept programs belong to their
+# versions.
 PACKAGES = ("jaxbeam", "jax", "numpy", "equinox", "diffrax", "optimistix", "lineax")
 Path = tuple[str | int, ...]
 
 
 class NotKept(Exception):
-    """The error that something has no text of which it is sure that it says everything."""
+    """The error that an object has no text that is sure to say everything about it."""
 
 
 def _no_text(value: Any) -> Any:
@@ -29,10 +29,10 @@ def _no_text(value: Any) -> Any:
 class Encoder:
     """An encoder of values as nested lists of text and whole numbers, for `json`.
 
-    `array` says what stands for an array that is traced. Others, in what is static, are there with
-    all their numbers. `given` has places in the arguments of static parts, by identity, which stand
-    for themselves in a result; `seen` becomes such a table of what was encoded. `other` says what
-    stands for a function or an object that has no name in `PACKAGES`: nothing does, as a rule.
+    `array` encodes arrays that are traced; arrays in static parts are encoded with all their
+    numbers. `given` is a table, by id, of static parts of the arguments and their paths there: in a
+    result these are encoded as the paths. `seen` becomes such a table of all that was encoded.
+    `other` encodes a function or an object without a name in `PACKAGES`, and raises by default.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Encoder:
         if static:
             if id(value) in self._given:
                 return ["given", *self._given[id(value)][0]]
-            self.seen.setdefault(id(value), (path, value))  # with the value, so that its id stays
+            self.seen.setdefault(id(value), (path, value))  # value held: no other gets its id
         if isinstance(value, jax.Array | np.ndarray | np.generic):
             return self._numbers(value, static)
         if isinstance(value, enum.Enum):
@@ -106,13 +106,13 @@ class Encoder:
 
 
 def _dtype(dtype: np.dtype) -> str:
-    if dtype.kind not in "biufcSU":  # of others one name stands for several
+    if dtype.kind not in "biufcSU":  # names of other kinds are not unique
         raise NotKept(f"an array of {dtype}")
     return dtype.str
 
 
 def _has_items_alone(value: Any) -> bool:
-    """Whether a tuple is a `NamedTuple`, and nothing more."""
+    """Whether a tuple is a `NamedTuple` without further attributes."""
     return hasattr(value, "_fields") and not getattr(value, "__dict__", None)
 
 
@@ -124,7 +124,7 @@ _NUMBERS: dict[type, Callable[[Any], Iterable[str]]] = {
 
 
 def name_of(thing: Any) -> tuple[str, str]:
-    """The module and the name of an object of one of `PACKAGES`; for others `NotKept` is raised."""
+    """The module and the name of an object of one of `PACKAGES`; raises `NotKept` for others."""
     named = _name_or_none(thing)
     if named is None:
         raise NotKept(f"the class {getattr(thing, '__qualname__', type(thing).__qualname__)}")
@@ -156,8 +156,9 @@ def named(module: str, name: str) -> Any:
 
 
 def decoded(said: Any, array: Callable[[Any], Any], given: Any) -> Any:
-    """The value of a text, with `array` in place of arrays that are traced, and parts of what is
-    `given`. Objects are made of their fields, and nothing is called that the text names."""
+    """The value of an encoded text, with array(index) for traced arrays, and static parts taken
+    from the arguments `given`. Objects are made of their fields; nothing that the text names is
+    called."""
     if said is None or type(said) in (bool, int, str):
         return said
     kind, *rest = said
@@ -170,7 +171,7 @@ def decoded(said: Any, array: Callable[[Any], Any], given: Any) -> Any:
     if kind == "array":
         return array(rest[0])
     if kind == "given":
-        return functools.reduce(_part, rest, given)
+        return functools.reduce(_item, rest, given)
     if kind in ("tuple", "list"):
         return tuple(each(rest)) if kind == "tuple" else each(rest)
     if kind == "dict":
@@ -193,7 +194,7 @@ def decoded(said: Any, array: Callable[[Any], Any], given: Any) -> Any:
     raise NotKept(str(kind))
 
 
-def _part(value: Any, step: Any) -> Any:
+def _item(value: Any, step: Any) -> Any:
     return value[step] if isinstance(value, tuple | list | dict) else vars(value)[step]
 
 

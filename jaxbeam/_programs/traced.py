@@ -18,15 +18,15 @@ _Outside = tuple[tuple[Any, ...], dict[str, Any]]
 
 
 class TracedProgram(NamedTuple):
-    """A program and what it returns, with the places of arrays in that."""
+    """An exported program of arrays, and the result of its function with placeholders for these."""
 
     exported: Any
-    leaves: list[Any]
-    structure: Any
-    compiled: dict[Any, Callable[..., Any]]
+    leaves: list[Any]  # leaves of the result, `_ArrayPlace` for arrays
+    structure: Any  # structure of the result
+    compiled: dict[Any, Callable[..., Any]]  # programs by options of the compiler
 
     def program(self, options: dict[str, Any]) -> Any:
-        """The program of arrays, compiled with these options."""
+        """The program of arrays as a `jax.jit`, compiled with these options."""
         how = tuple(options.items())
         if how not in self.compiled:
             exported = self.exported
@@ -34,18 +34,19 @@ class TracedProgram(NamedTuple):
             def call(*arrays: Any) -> Any:
                 return exported.call(*arrays)
 
-            call.__name__ = exported.fun_name  # as JAX calls what it compiles
+            # Name of the function, by which JAX names its program.
+            call.__name__ = exported.fun_name
             self.compiled[how] = jax.jit(call, compiler_options=options or None)
         return self.compiled[how]
 
     def result(self, found: list[Any]) -> Any:
-        """The result of the function, with the arrays that the program found."""
+        """The result of the function, with the arrays that the program returned."""
         leaves = [found[x.index] if isinstance(x, _ArrayPlace) else x for x in self.leaves]
         return jax.tree.unflatten(self.structure, leaves)
 
 
 class _ArrayPlace:
-    """A placeholder for an array of a result."""
+    """A placeholder for the array of this index among those that a program returns."""
 
     def __init__(self, index: int) -> None:
         self.index = index
@@ -62,44 +63,47 @@ class Traces:
         self._name, self._function, self._refused = name, function, refused
         self._found: dict[Any, TracedProgram | None] = {}
 
-    def of(self, args: Any, kwargs: Any) -> tuple[TracedProgram | None, list[Any]]:
-        """The traced program for these arguments, if there is one, and the arrays among them."""
-        where = folder()
-        if where is None or where.traced is None:
+    def lookup(self, args: Any, kwargs: Any) -> tuple[TracedProgram | None, list[Any]]:
+        """The traced program for these arguments and the arrays among them; None where programs are
+        not kept."""
+        program_folder = folder()
+        if program_folder is None or program_folder.traced is None:
             return None, []
         given = args, dict(sorted(kwargs.items()))
         leaves, structure = jax.tree.flatten(given)
         arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
         kinds = (str(_shape(x)) if eqx.is_array(x) else (type(x), x) for x in leaves)
         try:
-            hash(kind := (structure, *kinds, settings(), where.path))
-        except Exception:  # numbers of NumPy that are no arguments, or another JAX's settings
+            hash(kind := (structure, *kinds, settings(), program_folder.path))
+        except Exception:  # leaves that cannot be hashed, or settings of another release of JAX
             return None, []
         if not all(map(_is_here, arrays)):
             return None, []
         if kind not in self._found:
-            self._found[kind] = self._traced(where, given)
+            self._found[kind] = self._traced(program_folder, given)
         return self._found[kind], arrays
 
-    def _traced(self, where: ProgramFolder, given: _Outside) -> TracedProgram | None:
-        """The program for such arguments: kept, or new and kept now; None where it cannot be."""
+    def _traced(self, program_folder: ProgramFolder, given: _Outside) -> TracedProgram | None:
+        """The program for such arguments: read from the folder, or new and written there; None
+        where it cannot be kept."""
         try:
             encoder = Encoder(_shape, other=identity)
             key = json.dumps([self._name(), surroundings(), encoder(given)], sort_keys=True)
             name = hashlib.sha256(key.encode()).hexdigest()
-            if (body := where.read(name)) is not None:
+            if (body := program_folder.read(name)) is not None:
                 try:
                     return _read(body, given)
                 except Exception as error:
-                    warn_once(f"{where.traced}/{name} cannot be read ({error})")
+                    warn_once(f"{program_folder.traced}/{name} cannot be read ({error})")
             body, traced = _made(self._function, given, encoder.seen)
         except (NotKept, NotImplementedError) as error:
             self._refused(error)
             return None
-        except Exception:  # of the function, which raises it again, or of odd objects
+        # Raised by the function, whose call raises it again, or by unusual objects.
+        except Exception:
             return None
         if sources_stayed():
-            where.write(name, body)
+            program_folder.write(name, body)
         return traced
 
 
@@ -116,7 +120,7 @@ def _is_here(array: Any) -> bool:
 
 
 def _made(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[bytes, TracedProgram]:
-    """A new program of a function for such arguments, as it is kept and as it is read again."""
+    """A new program of a function for such arguments, as bytes to be kept and as read from them."""
     exported, result, structure = _exported(function, given, seen)
     text = json.dumps(result).encode()
     body = len(text).to_bytes(8, "little") + text + bytes(exported.serialize(vjp_order=0))
@@ -127,7 +131,8 @@ def _made(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[byt
 
 
 def _exported(function: Callable[..., Any], given: _Outside, seen: Any) -> tuple[Any, Any, Any]:
-    """The program of a function for such arguments, its result as text, and its structure."""
+    """The exported program of a function for such arguments, its result as nested lists of text,
+    and the structure of that result."""
     leaves, structure = jax.tree.flatten(given)
     dynamic = [i for i, leaf in enumerate(leaves) if eqx.is_array(leaf)]
     said: Any = None

@@ -1,5 +1,4 @@
-"""Programs under transformations of JAX that no program is around: `jax.grad(f)(x)` without
-`jit`."""
+"""Programs called within transformations of JAX, as by `jax.grad(f)(x)` without `jit`."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,15 +15,16 @@ _FORWARD, _BATCH, _LINEARIZE, _OUTSIDE = "JVPTrace", "BatchTrace", "LinearizeTra
 
 
 class Around(NamedTuple):
-    """The transformations of JAX around the caller."""
+    """The transformations of JAX around a call: whether one is a linearization, as in `grad`, and
+    whether they are of values in a batch without one, as in `vmap` and `jacfwd`."""
 
-    is_batched: bool
     is_linearized: bool
+    is_batch_of_values: bool
 
 
 def around() -> Around | None:
-    """The transformations around the caller, if each of their steps runs at once; None outside of
-    all, within a program, and where more than one is a linearization."""
+    """The transformations around the caller, in which a program may have options of the compiler;
+    None outside of all, within another program, and within two linearizations."""
     names = []
     with take_current_trace() as trace:
         while trace is not None:
@@ -34,12 +34,13 @@ def around() -> Around | None:
         return None
     if names.count(_LINEARIZE) > 1:
         return None
-    return Around(_BATCH in names, _LINEARIZE in names)
+    is_linearized = _LINEARIZE in names
+    return Around(is_linearized, _BATCH in names and not is_linearized)
 
 
 def linear_program(function: Callable[..., Any], options: dict[str, Any]) -> Callable[..., Any]:
-    """The program of a function's value and of its linearization, compiled with these options: of
-    what it is linearized by, and of all other arguments, as two trees of `(args, kwargs)`."""
+    """The program of a function's value and linearization, compiled with these options. It takes
+    two trees of `(args, kwargs)`: the arrays by which it is linearized, and all that is left."""
 
     def value_and_slope(by: Any, other: Any) -> Any:
         def value(by: Any) -> Any:
@@ -52,10 +53,10 @@ def linear_program(function: Callable[..., Any], options: dict[str, Any]) -> Cal
 
 
 def linearized(function: Callable[..., Any], program: Any, args: Any, kwargs: Any) -> Any:
-    """The result of a function within a linearization, its value by the `linear_program` of it.
+    """The result of a function within a linearization by JAX, by the function's `linear_program`.
 
-    JAX stages what is linear in a program of its own, in which none may have options: only the
-    value, and what the linear part needs of it, are compiled with them.
+    JAX makes a program of its own of the linear part, in which no other may have options, so that
+    those of `program` are for the value and for what the linear part takes from it.
     """
     traced, concrete = eqx.partition((args, kwargs), lambda x: isinstance(x, jax.core.Tracer))
     still: Any = None  # what the result has beside arrays

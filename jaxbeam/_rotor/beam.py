@@ -17,7 +17,7 @@ from jaxbeam._rotor.parameters import (
     angle,
     optional,
     parameter,
-    part,
+    required,
 )
 from jaxbeam._rotor.points import PointMasses, WithPoints
 from jaxbeam._rotor.sections import AbstractSections
@@ -36,8 +36,8 @@ from jaxbeam._rotor.support import Support
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, Triple
 
-_POINTS = 8  # of a segment, for the tension
-CONED_AND_MORE = "precone beside pitch, twist or a body at the tip"  # a feature of its own
+_POINTS = 8  # Gauss points of each segment, for integrals of the tension
+CONED_AND_MORE = "precone beside pitch, twist or a body at the tip"  # a feature for models to know
 
 
 class Beam(Parameters):
@@ -203,7 +203,7 @@ class Beam(Parameters):
     def frequency_scale(self) -> Number:
         """sqrt(EI_zz / (rho L^4)) in rad/s (B eq. 64, where m = rho L), of the `mean` beam."""
         beam = self.mean
-        # Not the root of all: powers of L that high leave the range of 32 bits in small beams.
+        # L is outside of the root: its fourth power is beyond 32 bits for small beams.
         return jnp.sqrt(beam.in_plane_bending_stiffness / beam.mass_per_length) / beam.length**2
 
     @property
@@ -244,9 +244,9 @@ class Rotor(Parameters):
     or for springs and a support at the root.
     """
 
-    beam: Any  # a `Beam`, or a `Blade`
+    beam: Any  # a `Beam` or a `Blade`
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=None)
-    tip_body: Tip = part()
+    tip_body: Tip = required()
     pitch: Scalar | None = angle(Status.INVALID_PITCH, FULL_TURN)
     root_springs: RootSprings | None = None
     precone: Scalar | None = angle(Status.INVALID_PRECONE, FULL_TURN / 4)
@@ -276,8 +276,8 @@ class Rotor(Parameters):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """The features that a model has to know: names of all that is given and need not be, but
-        for what torsion is made of, and what of it goes together."""
+        """The features that a model has to know: fields that may be None and are not, except those
+        of torsion; a body at the tip, properties that vary, and `CONED_AND_MORE`."""
         more = self.couples_bending or self.tip_body.is_body
         return (
             *(CONED_AND_MORE,) * (more and self.precone is not None),
@@ -314,7 +314,7 @@ class Rotor(Parameters):
 
     @property
     def turns_mass(self) -> bool:
-        """Whether sections or a body at the tip have inertia because they turn."""
+        """Whether sections or a body at the tip have rotary inertia."""
         return self.beam.polar_inertia is not None or self.tip_body.is_body
 
     @property
@@ -371,16 +371,16 @@ class Rotor(Parameters):
         c0, c1, c2 = self.tension(angular_speed)
         beam = self.beam
         if beam.is_uniform:
-            before = 1 - jnp.clip(-self.hub_radius / beam.length, 0.0, 1.0)
-            root, axis = c0 + c1 + c2 / 2, c0 + c1 * before + c2 * before * (2 - before) / 2
+            outer = 1 - jnp.clip(-self.hub_radius / beam.length, 0.0, 1.0)
+            root, axis = c0 + c1 + c2 / 2, c0 + c1 * outer + c2 * outer * (2 - outer) / 2
             return jnp.where(jnp.abs(axis) > jnp.abs(root), axis, root) / beam.axial_stiffness
         span = Span.between(beam.edges, _POINTS)
         share, outside, moment = outboard(beam.mass_with_points, span)
         strain = (c0 + c1 * outside + c2 * moment) / on(beam.axial_stiffness, span)
-        # Beside every kink, where the stiffness may have a step.
+        # The strain on both sides of every kink, where the stiffness may have a step.
         first, last = at_ends(beam.axial_stiffness, beam.edges)
-        before = span.at_edges(jnp.stack([share, span.xi * share], 1))
-        outside, moment = (before[-1:] - before).T
+        inner = span.at_edges(jnp.stack([share, span.xi * share], 1))
+        outside, moment = (inner[-1:] - inner).T
         force = c0 + c1 * outside + c2 * moment
         return largest(jnp.concatenate([strain, force[:-1] / first, force[1:] / last]), by=jnp.abs)
 
@@ -397,4 +397,4 @@ class Rotor(Parameters):
         return ~((beta < np.pi / 2) & (self.tip_mass * beta * jnp.tan(beta) < beam.mass))
 
 
-AnyRotor = Rotor | SpringRotor  # whichever a model takes, its `rotor_type`
+AnyRotor = Rotor | SpringRotor  # a model takes one of them, its `rotor_type`

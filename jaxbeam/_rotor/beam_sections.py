@@ -1,4 +1,4 @@
-"""The sections of a `Beam`, which are diagonal, about its straight axis."""
+"""Sections of a `Beam` as diagonal matrices about its straight axis."""
 
 from typing import Any
 
@@ -11,25 +11,26 @@ from jaxbeam._rotor.sections import AbstractSections, Places
 from jaxbeam._rotor.span import polar_inertia, shared
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, Spanwise, along
 
-# Compliance of shear, over L^2 / EI: a beam has none, and elements divide by it. Frequencies fall
-# by some ten times that, in the third mode by a hundred times.
+# Compliance of shear over L^2 / EI: a beam has none, but elements need some. Relative changes of
+# frequencies by it are some ten times that, in the third mode a hundred times.
 STIFF_IN_SHEAR = 1e-8
 
 
 def sections_of(beam: Beam | AbstractSections) -> AbstractSections:
-    """The full sections of a beam, for elements that ask for them."""
+    """The sections of a beam as matrices of six by six, for elements of rods."""
     return beam if isinstance(beam, AbstractSections) else BeamSections(beam)
 
 
 class BeamSections(AbstractSections):
-    """Sections without shear, offsets and couplings. Moments of inertia about the axes across share
-    the polar one as the stiffnesses of bending do, as those of a solid section."""
+    """Sections of a `Beam`: without offsets and couplings, and nearly without shear. The moments of
+    inertia about the two axes across are in the ratio of the bending stiffnesses, as of a solid
+    section; their sum is the polar one."""
 
     beam: Beam
 
     @property
     def _varying(self) -> list[AbstractSpanwise]:
-        """Properties that vary, the mass without what is at points."""
+        """Properties that vary along the span; the mass without that at points."""
         beam = self.beam
         names = (
             "mass_per_length", "axial_stiffness", "in_plane_bending_stiffness",
@@ -68,18 +69,18 @@ class BeamSections(AbstractSections):
     def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
         beam = self.beam
 
-        def at(value: Property) -> Array:
+        def values(value: Property) -> Array:
             return along(value, places)
 
-        mass, polar = at(beam.mass_per_length), polar_inertia(beam, at)
-        lag, flap = shared(polar, beam, at)
+        mass, polar = values(beam.mass_per_length), polar_inertia(beam, values)
+        lag, flap = shared(polar, beam, values)
         return _diagonal(mass, mass, mass, polar, flap, lag)
 
     def _stiffnesses(self, places: Places) -> tuple[Array, ...]:
         beam = self.beam
         lag, flap = self._bending(places)
-        # Each way by its own bending: the shear of a strip's stiff way, beside which its soft one
-        # is rounding, would make this no better than the former.
+        # Each shear stiffness is in proportion to the bending in the same plane. If both went with
+        # the stiff bending of a strip, the soft one would be lost in rounding.
         by_bending = STIFF_IN_SHEAR * beam.length**2
         stretch, torsion = (
             along(value, places) for value in (beam.axial_stiffness, beam.torsional_stiffness)

@@ -1,4 +1,4 @@
-"""A blade of full sections about a curved axis, and the sections of every beam in the same form."""
+"""A blade of full sections about a curved axis."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,15 +22,15 @@ from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise, between, points_
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Scalar, is_concrete
 
-_POINTS = 6  # of each piece, at which the length of the axis is integrated
-_BESIDE = 1e-3  # of the length, from a kink of the twist of a beam to points of the axis
-_NEAR = 1e-5  # of the length, to either side, for how the direction of the axis goes on
-_UNSYMMETRIC = 1e-6  # of the geometric mean of diagonal entries
+_POINTS = 6  # Gauss points of each piece, for the length of the axis
+_BESIDE = 1e-3  # distance of points of the axis from a kink of a beam's twist, over the length
+_NEAR = 1e-5  # step for differences of the direction of the axis, over its length
+_UNSYMMETRIC = 1e-6  # difference allowed of two entries, over the geometric mean of diagonal ones
 
 
 @jax.jit
 def is_stiffness(rows: Float[Array, "n 21"]) -> Bool[Array, ""]:
-    """Whether matrices are positive definite."""
+    """Whether all stiffness matrices, given as upper triangles, are positive definite."""
     matrices = full_matrices(rows)
     size = jnp.sqrt(jnp.diagonal(matrices, axis1=1, axis2=2))
     scaled = matrices / (size[:, :, None] * size[:, None])
@@ -39,14 +39,15 @@ def is_stiffness(rows: Float[Array, "n 21"]) -> Bool[Array, ""]:
 
 @jax.jit
 def is_inertia(rows: Float[Array, "n 21"]) -> Bool[Array, ""]:
-    """Whether there is mass, and no inertia is below zero."""
-    own = jnp.diagonal(full_matrices(rows), axis1=1, axis2=2)
-    return jnp.all(jnp.isfinite(rows)) & jnp.all(own[:, :3] > 0) & jnp.all(own[:, 3:] >= 0)
+    """Whether all inertia matrices, given as upper triangles, have a positive mass and no negative
+    moment of inertia."""
+    each = jnp.diagonal(full_matrices(rows), axis1=1, axis2=2)
+    return jnp.all(jnp.isfinite(rows)) & jnp.all(each[:, :3] > 0) & jnp.all(each[:, 3:] >= 0)
 
 
 @jax.jit
 def is_axis(points: Float[Array, "k 3"]) -> Bool[Array, ""]:
-    """Whether no two points that follow one another are the same."""
+    """Whether all points of an axis are finite, and neighbours are apart."""
     steps = jnp.diff(points, axis=0)
     return jnp.all(jnp.isfinite(points)) & jnp.all(jnp.sum(steps * steps, 1) > 0)
 
@@ -166,14 +167,13 @@ class Blade(Parameters, AbstractSections):
 
     @classmethod
     def of(cls, beam: Beam, stations: Sequence[float] | None = None) -> Self:
-        """The blade that a `Beam` is: straight, of sections that are diagonal.
+        """The blade that has the properties of a `Beam`: straight, with diagonal sections.
 
-        `stations` (n,) are where sections are taken, and points of the axis: those of the beam's
-        tables by default, and 33 more for what is given by a function and for a twist that varies,
-        with two beside each kink of that, as twist is smooth here. Without shear a beam has a stiff
-        one, and its rotary inertia is that of its `polar_inertia`, shared by the stiffnesses of
-        bending. Raises `ValueError` unless the beam has its `torsional_stiffness`, and for a twist
-        that jumps.
+        `stations` (n,) are places of sections and of points of the axis: by default those of the
+        beam's tables, 33 more if a property is a function or the twist varies, and two beside each
+        kink of the twist, which is smooth in a blade. Shear, which a `Beam` has not, gets a large
+        stiffness, and `polar_inertia` is divided in the ratio of the bending stiffnesses. Raises
+        `ValueError` unless the beam has its `torsional_stiffness`, and for a twist that jumps.
         """
         if beam.torsional_stiffness is None:
             raise ValueError("beam.torsional_stiffness: a blade needs it: give GJ in N m^2")
@@ -184,14 +184,14 @@ class Blade(Parameters, AbstractSections):
             )
         sections = sections_of(beam)
         places = np.asarray(_stations_of(beam) if stations is None else stations, float)
-        behind = np.concatenate([places[:-1] == places[1:], [False]])
-        at = places + 1e-12 * (np.roll(behind, 1).astype(float) - behind)
+        is_step = np.concatenate([places[:-1] == places[1:], [False]])
+        beside_steps = places + 1e-12 * (np.roll(is_step, 1).astype(float) - is_step)
         inner = np.unique(places)
         line, _ = sections.axis_at(inner)
         return cls(
             places.tolist(),
-            sections.stiffness_at(at),
-            sections.inertia_at(at),
+            sections.stiffness_at(beside_steps),
+            sections.inertia_at(beside_steps),
             line,
             sections.twist_at(inner),
             inner.tolist(),
@@ -221,35 +221,35 @@ class Blade(Parameters, AbstractSections):
             return None
         radius: Any = self._linear(places) @ self.gyration
         _, slope = self.axis_at(places)
-        # A curved axis turns its sections, too: their third axis stays across a2.
+        # A curved axis turns its sections, too, since their third axis stays across a2.
         before, after = (self.axis_at(places + side)[1] for side in (-_NEAR, _NEAR))
         across = before[:, 0] * after[:, 2] - before[:, 2] * after[:, 0]
         along = before[:, 0] * after[:, 0] + before[:, 2] * after[:, 2]
-        pace = jnp.sqrt(jnp.sum(slope**2, 1))
-        rising = slope[:, 1] / pace * jnp.arctan2(across, along) / (2 * _NEAR)
-        rate: Any = (jnp.asarray(self._spline(places)[1]) @ self.twist - rising) / pace
+        length_rate = jnp.sqrt(jnp.sum(slope**2, 1))
+        rising = slope[:, 1] / length_rate * jnp.arctan2(across, along) / (2 * _NEAR)
+        rate: Any = (jnp.asarray(self._spline(places)[1]) @ self.twist - rising) / length_rate
         return radius**2, rate
 
     def stiffness_at(self, places: Places) -> Float[Array, "m 6 6"]:
         return full_matrices(self._linear(places) @ self.stiffness)
 
     def _linear(self, places: Places) -> Float[Array, "m n"]:
-        """Rows that interpolate between stations."""
+        """The matrix from values at n stations to values at m places, linear between them."""
         left, share = between(self.stations, places)
         unit = np.eye(len(self.stations))
         return jnp.asarray((1 - share)[:, None] * unit[left] + share[:, None] * unit[left + 1])
 
     def _spline(self, places: Places) -> tuple[np.ndarray, np.ndarray]:
-        """Rows that interpolate between points of the axis, and those of slopes."""
+        """The matrices from values at points of the axis to values and to slopes at places."""
         knots, count = np.asarray(self.axis_stations), len(self.axis_stations)
         ends = [0, *(self.axis_stations.index(kink) for kink in self.kinks), count - 1]
         value, slope = np.zeros((2, len(places), count))
         for start, end in itertools.pairwise(ends):
             inside = (places >= knots[start]) | (start == 0)
-            own = slice(start, end + 1)
-            rows = spline_rows(knots[own], places[inside])
+            piece = slice(start, end + 1)
+            rows = spline_rows(knots[piece], places[inside])
             value[inside], slope[inside] = 0.0, 0.0
-            value[inside, own], slope[inside, own] = rows
+            value[inside, piece], slope[inside, piece] = rows
         return value, slope
 
     def compliance_at(self, places: Places) -> Float[Array, "m 6 6"]:
@@ -266,7 +266,7 @@ class Blade(Parameters, AbstractSections):
         length: Any = weight @ jnp.sqrt(jnp.sum(slope**2, 1))
         return length
 
-    is_uniform = False  # for what is asked of every beam
+    is_uniform = False  # a blade always counts as varying
     span_features = ("blade",)
 
     def _given(self) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -280,7 +280,7 @@ class Blade(Parameters, AbstractSections):
 
     @property
     def mass(self) -> Number:
-        """Mass of the blade, and of what is at points of it, in kg."""
+        """Mass of the blade with its point masses, in kg."""
         places, weight = points_within(self.edges, _POINTS)
         _, slope = self.axis_at(places)
         density = self.inertia_at(places)[:, 0, 0] * jnp.sqrt(jnp.sum(slope**2, 1))
@@ -306,25 +306,29 @@ class Blade(Parameters, AbstractSections):
         more = set(self.axis_stations) - set(self.stations)
         stations = sorted([*self.stations, *more])
         places = np.asarray(stations)
-        # At a step of the sections first those before it.
-        before = np.concatenate([places[:-1] == places[1:], [False]])
-        at = places + 1e-12 * (np.roll(before, 1).astype(float) - before)
-        f = inverses(self.stiffness_at(at))
-        about2, about3, both = f[:, 4, 4], f[:, 5, 5], f[:, 4, 5]
-        apart = about2 - about3
-        # Axes that are nearest to those of the section; any will do where all are alike.
-        sign, alike = jnp.where(apart < 0, -1.0, 1.0), (both == 0) & (apart == 0)
-        across, along = jnp.where(alike, 0.0, sign * 2 * both), jnp.where(alike, 1.0, sign * apart)
-        half = jnp.where(alike, 0.0, sign * jnp.hypot(across, along) / 2)
+        # A step has two equal stations: the first takes values before it, the second after it.
+        is_step = np.concatenate([places[:-1] == places[1:], [False]])
+        beside_steps = places + 1e-12 * (np.roll(is_step, 1).astype(float) - is_step)
+        f = inverses(self.stiffness_at(beside_steps))
+        about2, about3, coupling = f[:, 4, 4], f[:, 5, 5], f[:, 4, 5]
+        difference = about2 - about3
+        # Principal axes nearest to axes of the section, or these themselves if bending is
+        # isotropic.
+        sign, isotropic = jnp.where(difference < 0, -1.0, 1.0), (coupling == 0) & (difference == 0)
+        across, along = (
+            jnp.where(isotropic, 0.0, sign * 2 * coupling),
+            jnp.where(isotropic, 1.0, sign * difference),
+        )
+        half = jnp.where(isotropic, 0.0, sign * jnp.hypot(across, along) / 2)
         middle = (about2 + about3) / 2
-        m = self.inertia_at(at)
+        m = self.inertia_at(beside_steps)
         mass, first = m[:, 0, 0], jnp.stack([m[:, 0, 4], m[:, 0, 5]])
         columns = {
             "mass_per_length": mass,
             "axial_stiffness": 1 / f[:, 0, 0],
             "in_plane_bending_stiffness": 1 / (middle - half),
             "flap_bending_stiffness": 1 / (middle + half),
-            "twist": self.twist_at(at) + jnp.arctan2(across, along) / 2,
+            "twist": self.twist_at(beside_steps) + jnp.arctan2(across, along) / 2,
             "torsional_stiffness": 1 / f[:, 3, 3],
             "polar_inertia": m[:, 3, 3] - jnp.sum(first**2, 0) / mass,
         }
@@ -333,7 +337,8 @@ class Blade(Parameters, AbstractSections):
 
 
 def _stations_of(beam: Beam) -> list[float]:
-    """Places of the sections of a beam's tables, twice where one has a step; of functions more."""
+    """Places for sections of a beam: stations of its tables, twice where one has a step, and more
+    for functions and for twist."""
     sections = BeamSections(beam)
     places, twist = {*sections.edges}, beam.twist
     if sections.has_functions or isinstance(twist, AbstractSpanwise):
@@ -344,7 +349,7 @@ def _stations_of(beam: Beam) -> list[float]:
 
 
 def _places(name: str, given: Any, steps: bool) -> tuple[float, ...]:
-    """Places from 0 to 1 that do not decrease, or increase where there are no `steps`."""
+    """An argument as places from 0 to 1, checked: increasing, or with `steps` not decreasing."""
     places = concrete_array(name, given)
     if places.ndim != 1 or places.size < 2:
         raise ValueError(f"{name} must be two or more in a row, got shape {places.shape}")
@@ -358,7 +363,7 @@ def _places(name: str, given: Any, steps: bool) -> tuple[float, ...]:
 
 
 def _sixes(name: str, given: Any, count: int) -> Float[Array, "n 21"]:
-    """Symmetric matrices of six as their upper triangles."""
+    """An argument as `count` upper triangles of symmetric matrices of six by six, checked."""
     rows = real_array(name, given)
     if rows.shape == (6, 6):
         rows = jnp.broadcast_to(rows, (count, 6, 6))
@@ -371,12 +376,13 @@ def _sixes(name: str, given: Any, count: int) -> Float[Array, "n 21"]:
         )
     if is_concrete(rows):
         values = np.asarray(rows)
-        own = np.sqrt(np.abs(np.einsum("nii->ni", values)))
-        apart = (
-            np.abs(values - values.swapaxes(1, 2)) > _UNSYMMETRIC * own[:, :, None] * own[:, None]
+        scale = np.sqrt(np.abs(np.einsum("nii->ni", values)))
+        unsymmetric = (
+            np.abs(values - values.swapaxes(1, 2))
+            > _UNSYMMETRIC * scale[:, :, None] * scale[:, None]
         )
-        if np.any(apart):
-            station, row, column = np.argwhere(apart)[0]
+        if np.any(unsymmetric):
+            station, row, column = np.argwhere(unsymmetric)[0]
             raise ValueError(
                 f"{name} must be symmetric, got {values[station, row, column]} and "
                 f"{values[station, column, row]} in rows {row + 1} and {column + 1} at station "

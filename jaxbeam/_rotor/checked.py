@@ -1,4 +1,4 @@
-"""The rotor that a public function is given, checked."""
+"""Checks of the rotor that a public function is given."""
 
 import warnings
 from typing import Any
@@ -11,9 +11,9 @@ from jaxbeam._rotor.spring_rotor import SpringRotor
 
 
 def checked_rotor(kind: type[Rotor] | type[SpringRotor], rotor: Any) -> Any:
-    """The rotor, checked for structure and, where values are known, for range.
+    """The rotor, checked for structure and, where numbers are concrete, for range.
 
-    Every public function comes through here. Also the place that warns when 64-bit floats are off.
+    All public functions that take a rotor call this; it warns where 64-bit floats are off.
     """
     if not jax.config.read("jax_enable_x64"):
         warnings.warn(

@@ -1,4 +1,4 @@
-"""Clocks of runs, which show zero where these begin, since late times are rounded."""
+"""Clocks that show zero at the beginning of a run, since floats round late times coarsely."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,11 +12,11 @@ from jaxbeam._types import Scalar
 
 
 class Clock(eqx.Module):
-    """The time, for functions of time that jump at known times, `since` an origin.
+    """The time of functions that jump at known times, from the time since an `origin`.
 
-    The sum of both is rounded, and may fall on the other side of a jump than it is by the clock
-    that shows zero at the origin: it is held on its own side, a few units of rounding away, which
-    functions may lose that compare times of their own.
+    The sum of both is rounded, and may come to the other side of a jump. It is kept on the side
+    that the time since the origin says, by a few units of rounding, since functions that compare
+    it with times of jumps may round as well.
     """
 
     origin: Scalar
@@ -30,26 +30,26 @@ class Clock(eqx.Module):
         t, jumps = self.origin + since, self.jumps
         if not jumps.size:
             return t
-        own, rough = without_derivatives((since, t))
-        i = place(jumps - self.origin, own, "left")
-        room = 4 * jnp.finfo(t.dtype).eps * (jnp.abs(self.origin) + jnp.abs(jumps))
-        last = (jumps + room)[jnp.maximum(i - 1, 0)]
-        coming = (jumps - room)[jnp.minimum(i, jumps.size - 1)]
-        held = jnp.where(i > 0, jnp.maximum(rough, last), rough)
-        held = jnp.where(i < jumps.size, jnp.minimum(held, coming), held)
-        return t + (held - rough)
+        exact, rounded = without_derivatives((since, t))
+        i = place(jumps - self.origin, exact, "left")
+        margin = 4 * jnp.finfo(t.dtype).eps * (jnp.abs(self.origin) + jnp.abs(jumps))
+        last = (jumps + margin)[jnp.maximum(i - 1, 0)]
+        coming = (jumps - margin)[jnp.minimum(i, jumps.size - 1)]
+        kept = jnp.where(i > 0, jnp.maximum(rounded, last), rounded)
+        kept = jnp.where(i < jumps.size, jnp.minimum(kept, coming), kept)
+        return t + (kept - rounded)
 
 
 def place(times: Array, t: Scalar, side: str) -> Array:
-    """The number of increasing times that are before t, those at t too if `side` is "right"."""
-    if times.size <= 64:  # by comparing all, which compiles in less time
+    """The number of increasing times before t; with `side` "right" those equal to t count too."""
+    if times.size <= 64:  # comparing all compiles in less time
         before = times <= t if side == "right" else times < t
         return jnp.sum(before)
     return jnp.searchsorted(times, t, side=side)
 
 
 class Later(eqx.Module):
-    """A function of time with its clock shifted."""
+    """A function of the time since an origin, from a function of time and a clock."""
 
     function: Callable[[Scalar], Any]
     clock: Clock

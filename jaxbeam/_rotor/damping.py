@@ -1,4 +1,4 @@
-"""What takes energy from a beam: material, inertia, ratios of its modes, dampers at its root."""
+"""Damping by material and inertia, by ratios of modes, and by dampers at root and tip."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,7 @@ from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status
 from jaxbeam._types import Real, Scalar, is_concrete
 
-Ratios = Real | Sequence[Real] | None  # one for all modes of a direction, or by their numbers
+Ratios = Real | Sequence[Real] | None  # one for all modes of a direction, or by number of the mode
 
 
 class Damping(eqx.Module):
@@ -113,7 +113,7 @@ class Damping(eqx.Module):
 
     @property
     def ratios(self) -> dict[Direction, Array]:
-        """Ratios of the directions that have some."""
+        """Damping ratios, by direction, of the directions that have any."""
         every = {
             Direction.AXIAL: self.axial_ratio, Direction.IN_PLANE: self.in_plane_ratio,
             Direction.FLAP: self.flap_ratio,
@@ -184,11 +184,11 @@ def _require(value: Array, least: float) -> None:
 
 
 def damping_in_range(damping: Damping) -> Array:
-    """Whether all is finite and, but for the speed, not negative."""
+    """Whether all numbers of a damping are finite and, except the speed, not negative."""
     speed = jnp.zeros(()) if damping.ratio_speed is None else damping.ratio_speed
-    rest = eqx.tree_at(lambda d: d.ratio_speed, damping, None, is_leaf=lambda leaf: leaf is None)
-    every = jnp.concatenate([jnp.abs(speed)[None], *map(jnp.ravel, jax.tree.leaves(rest))])
+    others = eqx.tree_at(lambda d: d.ratio_speed, damping, None, is_leaf=lambda leaf: leaf is None)
+    every = jnp.concatenate([jnp.abs(speed)[None], *map(jnp.ravel, jax.tree.leaves(others))])
     return jnp.all(jnp.isfinite(every) & (every >= 0))
 
 
-NO_DAMPING = Damping()  # what public functions take where nothing is given
+NO_DAMPING = Damping()  # the default of public functions

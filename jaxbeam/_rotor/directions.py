@@ -1,4 +1,4 @@
-"""Which way things move, what modes are called, and which of them are coupled."""
+"""Directions of motion, labels of modes, and which directions are coupled."""
 
 import enum
 from collections.abc import Iterable
@@ -26,7 +26,7 @@ class Direction(enum.IntEnum):
 
 
 def naming(directions: Iterable[Direction]) -> Direction:
-    """The direction after which coordinates which move together are named: bending before axial."""
+    """The direction that names modes of these directions together: bending before axial."""
     return min(directions, key=lambda direction: (direction == Direction.AXIAL, direction))
 
 
@@ -41,7 +41,7 @@ class Label(NamedTuple):
 
 
 class Counts(TypedDict, total=False):
-    """How many modes of each direction."""
+    """Numbers of modes, by direction."""
 
     in_plane: int
     flap: int
@@ -69,8 +69,8 @@ def labels(**counts: Unpack[Counts]) -> tuple[Label, ...]:
     return tuple(found)
 
 
-# Directions that move in phase, and those that move in quadrature to them; where both are the same
-# anything may be coupled with anything.
+# Directions that move in phase, and those that move in quadrature to them. Where both are the same,
+# all of them are coupled in any phase.
 CouplingGroup = tuple[tuple[Direction, ...], tuple[Direction, ...]]
 _TORSION: CouplingGroup = ((Direction.TORSION,), ())
 ALL_COUPLED: tuple[CouplingGroup, ...] = ((tuple(Direction), tuple(Direction)),)
@@ -82,9 +82,13 @@ APART: tuple[CouplingGroup, ...] = (
 
 
 def coupling_groups(rotor: AnyRotor) -> tuple[CouplingGroup, ...]:
-    """The groups of directions of modes that are coupled: flap with none, unless sections are
-    turned, the beam is coned, or there is a body at the tip, whose spin about the beam couples it
-    with torsion; torsion too where it is coned, and all with all where it is both."""
+    """The groups of directions that are coupled in small motion about steady rotation.
+
+    In-plane bending is coupled with axial motion, and with flap where sections are turned. A body
+    at the tip couples flap with torsion, by its spin about the beam. In a coned beam all are
+    coupled: in-plane bending and torsion in quadrature to flap and axial motion, or with turned
+    sections in any phase.
+    """
     if not isinstance(rotor, Rotor):
         return APART
     if rotor.precone is not None:
@@ -92,20 +96,20 @@ def coupling_groups(rotor: AnyRotor) -> tuple[CouplingGroup, ...]:
             return ALL_COUPLED
         return (((Direction.IN_PLANE, Direction.TORSION), (Direction.FLAP, Direction.AXIAL)),)
     twisting = (Direction.TORSION,) * rotor.tip_body.is_body
-    alone = () if twisting else (_TORSION,)
+    torsion = () if twisting else (_TORSION,)
     if rotor.couples_bending:
-        return (((Direction.IN_PLANE, Direction.FLAP), (Direction.AXIAL, *twisting)), *alone)
-    return (((Direction.IN_PLANE,), (Direction.AXIAL,)), ((Direction.FLAP,), twisting), *alone)
+        return (((Direction.IN_PLANE, Direction.FLAP), (Direction.AXIAL, *twisting)), *torsion)
+    return (((Direction.IN_PLANE,), (Direction.AXIAL,)), ((Direction.FLAP,), twisting), *torsion)
 
 
 def is_hinged(rotor: AnyRotor) -> bool:
-    """Whether the root yields, so that, with a spring of zero, there may be motions that nothing
-    holds."""
+    """Whether the root yields, so that with springs of zero stiffness the beam may move freely."""
     return loose_motions(rotor) > 0
 
 
 def loose_motions(rotor: AnyRotor) -> int:
-    """How many motions of the beam as a rigid body its root may leave to themselves."""
+    """The number of rigid-body motions of the beam that may have no stiffness: one for each spring
+    at the root, which may be zero."""
     if not isinstance(rotor, Rotor):
         return 0
     if rotor.root_support is not None:

@@ -1,4 +1,4 @@
-"""What a beam is held by at its root, and what it carries at its tip."""
+"""Springs at the root of a beam, and the mass or body at its tip."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
@@ -13,7 +13,7 @@ from jaxbeam._rotor.parameters import Parameters, optional, parameter, whole
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, is_concrete
 
-_ROUNDED = 1e-6  # of the trace of an inertia, by which it may be none: that of six digits
+_ROUNDED = 1e-6  # relative error allowed of an inertia, for numbers given with six digits
 
 
 class RootSprings(Parameters):
@@ -49,12 +49,12 @@ class PointMass(Parameters):
         self._take({"mass": mass})
 
     def centre(self, value: Any, slope: Any, length: Any = 1.0) -> Any:
-        """The value at the centre of mass of a function with a value and a slope by x / length at
-        the tip."""
+        """The value at the centre of mass of a function that has, at the tip, this value and this
+        slope by x / length."""
         return value
 
     def second_moment(self, radius: Number) -> Number:
-        """Moment of inertia about an axis across the beam, so far from the centre of mass."""
+        """Moment of inertia about an axis across the beam at a distance from the centre of mass."""
         return self.mass * radius**2
 
 
@@ -114,16 +114,16 @@ class TipBody(Parameters):
 
 @jax.jit
 def is_body_inertia(inertia: Float[Array, "3 3"]) -> Bool[Array, ""]:
-    """Whether some body has this inertia: its int r r^T dm, tr(J) / 2 - J, is positive
-    semidefinite. Then so is J, and no principal moment is more than the sum of the others."""
+    """Whether J can be the inertia of a body: int r r^T dm = tr(J) / 2 - J must be positive
+    semidefinite. Then so is J, and no principal moment is more than the sum of the other two."""
     trace = jnp.trace(inertia)
     spread = trace / 2 * np.eye(3) - inertia
-    return jnp.all(jnp.linalg.eigvalsh(spread) >= -_ROUNDED * trace)  # NaN is not
+    return jnp.all(jnp.linalg.eigvalsh(spread) >= -_ROUNDED * trace)  # false for NaN
 
 
 @jax.jit
 def is_place(centre: Float[Array, "3"]) -> Bool[Array, ""]:
-    """Whether all coordinates are finite."""
+    """Whether all coordinates of a centre of mass are finite."""
     return jnp.all(jnp.isfinite(centre))
 
 
@@ -162,7 +162,7 @@ class RigidBody(Parameters):
                 raise ValueError(f"inertia must be symmetric, got {each.tolist()}")
 
     def _given(self) -> Iterator[tuple[str, Mapping[str, Any]]]:
-        yield "centre_of_mass", {}  # what no `TipBody` has
+        yield "centre_of_mass", {}  # a feature, since models for a `TipBody` do not know it
 
     def centre(self, value: Any, slope: Any, length: Any = 1.0) -> Any:
         """The value at the centre of mass of a function with a value and a slope at the tip, as of
@@ -190,8 +190,8 @@ Tip = PointMass | TipBody | RigidBody
 
 
 def tip_of(tip_mass: Real | None, tip_body: Any) -> Tip:
-    """The mass or body at the tip, of which at most one is given; a point gives way to another
-    mass."""
+    """The mass or body at the tip, from the two arguments of `Rotor`, one of which must be None; a
+    `tip_mass` may take the place of a `PointMass`."""
     check_kind("tip_body", tip_body, TipBody, RigidBody, PointMass, type(None))
     if tip_mass is None:
         return PointMass(0.0) if tip_body is None else tip_body

@@ -1,4 +1,4 @@
-"""Sections of a blade from what engineers know of them: stiffnesses, centres, principal axes."""
+"""Section matrices of a blade from engineering numbers: stiffnesses, centres, principal axes."""
 
 from typing import Any
 
@@ -9,12 +9,15 @@ from jaxtyping import Array, Float
 from jaxbeam._checks import real_array
 from jaxbeam._types import is_concrete
 
-# Entries of sixes (along, two of shear, torsion, two of bending) by offsets of a point: a strain
-# or velocity there is that at the reference point, and this times turns (or their rates).
-_ALONG = np.zeros((2, 6, 6))  # by the second and the third coordinate of the point
+# Strains (or velocities) in the order along, two across, and about three axes: at another point of
+# the section they are those at the reference point, plus these matrices times its coordinates.
+# Part of strains along the blade, for the second and the third coordinate.
+_ALONG = np.zeros((2, 6, 6))
 _ALONG[0, 0, 5], _ALONG[1, 0, 4] = -1.0, 1.0
+# Part of strains across the blade, for the second and the third coordinate.
 _ACROSS = np.zeros((2, 6, 6))
 _ACROSS[0, 2, 3], _ACROSS[1, 1, 3] = 1.0, -1.0
+# A turn of the axes across by an angle a is _KEPT + cos(a) _TURNED + sin(a) _MIXED.
 _KEPT = np.diag([1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
 _TURNED = np.diag([0.0, 1.0, 1.0, 0.0, 1.0, 1.0])
 _MIXED = np.zeros((6, 6))
@@ -121,23 +124,26 @@ def section_inertia(
 
 
 def at_centres(along: Float[Array, "n 2"], across: Float[Array, "n 2"]) -> Float[Array, "n 6 6"]:
-    """The matrix that makes of strains (velocities) at the reference point those along the blade at
-    one point and those across it at another; with points on the other side it is undone."""
-    parts = ((along, _ALONG), (across, _ACROSS))
-    offsets = [at[:, i, None, None] * by[i][None] for at, by in parts for i in range(2)]
+    """The matrix from strains (or velocities) at the reference point to those along the blade at
+    the point `along` and across it at the point `across`; that of -along and -across is its
+    inverse."""
+    pairs = ((along, _ALONG), (across, _ACROSS))
+    offsets = [p[:, i, None, None] * table[i][None] for p, table in pairs for i in range(2)]
     return np.eye(6)[None] + sum(offsets)
 
 
-def _sixes(entries: Any, there: Array, angle: Array) -> Float[Array, "n 6 6"]:
-    """Matrices that are diagonal for strains or velocities at other points, along turned axes."""
+def _sixes(entries: Any, at_points: Array, angle: Array) -> Float[Array, "n 6 6"]:
+    """Matrices (n, 6, 6) with these diagonal entries for strains (or velocities) at other points,
+    which `at_points` makes of those at the reference point, in axes turned by an angle."""
     cos, sin = jnp.cos(angle)[:, None, None], jnp.sin(angle)[:, None, None]
-    seen = (_KEPT[None] + cos * _TURNED[None] + sin * _MIXED[None]) @ there
-    out: Any = seen.swapaxes(1, 2) @ (jnp.stack(entries, 1)[:, :, None] * seen)
+    turned = (_KEPT[None] + cos * _TURNED[None] + sin * _MIXED[None]) @ at_points
+    out: Any = turned.swapaxes(1, 2) @ (jnp.stack(entries, 1)[:, :, None] * turned)
     return out
 
 
 def _numbers(name: str, value: Any, zero: bool | None) -> Array:
-    """A number or (n,) of them, positive, or `zero`; with None of any sign."""
+    """A number or (n,) of them, checked: positive, with `zero` not negative, with None of any
+    sign."""
     numbers = real_array(name, value)
     if numbers.ndim > 1 or not numbers.size:
         raise ValueError(f"{name} must be a number or (n,) of them, got shape {numbers.shape}")
@@ -153,7 +159,7 @@ def _numbers(name: str, value: Any, zero: bool | None) -> Array:
 
 
 def _centres(name: str, value: Any) -> Array:
-    """Two coordinates, or (n, 2) of them."""
+    """The coordinates (2,) or (n, 2) of centres, checked."""
     centre = real_array(name, value)
     if centre.ndim not in (1, 2) or centre.shape[-1] != 2 or not centre.size:
         raise ValueError(f"{name} must have shape (2,) or (n, 2), got {centre.shape}")
@@ -163,15 +169,15 @@ def _centres(name: str, value: Any) -> Array:
 
 
 def _alike(numbers: dict[str, Array], centres: dict[str, Array]) -> list[Any]:
-    """Numbers and centres repeated for one number of stations, and whether there is but one station
-    that nobody has counted."""
+    """Numbers and centres, all broadcast to the same number of stations, and whether none of them
+    has an axis of stations."""
     counts = {name: a.shape[0] for name, a in numbers.items() if a.ndim == 1}
     counts |= {name: a.shape[0] for name, a in centres.items() if a.ndim == 2}
     count = next(iter(counts.values()), 1)
-    for name, own in counts.items():
-        if own != count:
+    for name, size in counts.items():
+        if size != count:
             first = next(iter(counts))
-            raise ValueError(f"{name} has {own} stations, and {first} has {count}")
+            raise ValueError(f"{name} has {size} stations, and {first} has {count}")
     every = [jnp.broadcast_to(a, (count,)) for a in numbers.values()]
     every += [jnp.broadcast_to(a, (count, 2)) for a in centres.values()]
     return [*every, not counts]

@@ -1,5 +1,4 @@
-"""What acts on the beam beside its hub: gravity, force and moment at the tip, forces along the
-span and on points of it."""
+"""Loads on the beam: gravity, force and moment at the tip, forces along the span and on points."""
 
 from collections.abc import Callable
 from typing import Any
@@ -32,14 +31,14 @@ from jaxbeam._rotor.spanwise import AbstractSpanwise, along, points_within, samp
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Scalar, Triple, is_concrete
 
-_POINTS = 8  # of each segment between kinks, at which loads along the span are looked at
+_POINTS = 8  # points of each segment between kinks at which loads along the span are checked
 TipPart = Triple | Callable[[Scalar], Triple] | None
 
 
 class TipLoad(eqx.Module):
-    """A force (N) and a moment (N m) at the tip, in hub axes or, if they follow, in those of the
-    section there: the tangent, and the axes which the least rotation from a1 and the twist bring to
-    where a2 and a3 were."""
+    """A force (N) and a moment (N m) at the tip, in hub axes or, if it `follows`, in axes of the
+    section there: the tangent, and a2 and a3 turned by the least rotation from a1 to the tangent
+    and by the twist."""
 
     force: Triple
     moment: Triple
@@ -47,7 +46,7 @@ class TipLoad(eqx.Module):
 
 
 def bending(load: Triple | TipLoad, length: Scalar) -> Float[Array, "2"]:
-    """Moments about the root, in plane and in flap, in N m, of what is at the tip of a straight
+    """Moments about the root, in plane and in flap, in N m, of a load at the tip of a straight
     beam."""
     if not isinstance(load, TipLoad):
         return length * load[1:]
@@ -99,7 +98,7 @@ class Loads(eqx.Module):
     ) -> None:  # fmt: skip
         check_kind("point_forces", point_forces, PointForces, type(None))
         self.point_forces = point_forces
-        # No arrays where there are none, so that `NO_LOADS` starts no backend of JAX.
+        # None and not empty arrays, so that `NO_LOADS` starts no backend of JAX.
         self.changes = time_list("changes", changes) if is_there(changes) else None
         self.jumps = time_list("jumps", jumps) if is_there(jumps) else None
         self.gravity = None if gravity is None else _triple("gravity", gravity)
@@ -112,46 +111,47 @@ class Loads(eqx.Module):
 
     @property
     def are_none(self) -> bool:
-        """Whether nothing acts."""
+        """Whether there are no loads."""
         parts = self.gravity, self.tip_force, self.tip_moment
         return not self.act_along_span and all(part is None for part in parts)
 
     @property
     def act_along_span(self) -> bool:
-        """Whether there are forces between the ends."""
+        """Whether there are forces along the span or on points of it."""
         return not (self.force_per_length is self.point_forces is None)
 
     @property
     def turns(self) -> bool:
-        """Whether something turns with the sections."""
+        """Whether some load turns with the sections."""
         parts = self.tip_force, self.tip_moment, self.force_per_length, self.point_forces
         return self.follows and any(part is not None for part in parts)
 
     @property
     def has_potential(self) -> bool:
-        """Whether there are forces in hub axes alone."""
+        """Whether all loads have a potential in the hub: forces in hub axes, no moments."""
         return self.tip_moment is None and not self.turns
 
     @property
     def features(self) -> tuple[str, ...]:
-        """The features that a model has to know, beyond gravity and a force in hub axes at its
-        tip."""
-        given = self.force_per_length, self.point_forces
-        there = self.tip_moment is not None, self.turns, *(part is not None for part in given)
+        """The features that a model has to know, beyond gravity and a force at the tip in hub
+        axes."""
+        along_span = self.force_per_length, self.point_forces
+        present = self.tip_moment is not None, self.turns, *(x is not None for x in along_span)
         names = "tip_moment", "follows", "force_per_length", "point_forces"
-        return tuple(f"loads.{name}" for name, it in zip(names, there, strict=True) if it)
+        return tuple(f"loads.{name}" for name, it in zip(names, present, strict=True) if it)
 
     def at_tip(self, t: Scalar) -> Triple | TipLoad | None:
-        """The load at the tip at time t: its force, where that is all."""
+        """The load at the tip at time t: a force in hub axes alone as (3,), else a `TipLoad`; None
+        where there is none."""
         force, moment = (
             jnp.asarray(part(t)) if callable(part) else part
             for part in (self.tip_force, self.tip_moment)
         )
         if moment is None and not (self.follows and force is not None):
             return force
-        none = jnp.zeros(3, t.dtype)
+        zero = jnp.zeros(3, t.dtype)
         return TipLoad(
-            none if force is None else force, none if moment is None else moment, self.follows
+            zero if force is None else force, zero if moment is None else moment, self.follows
         )
 
     @property
@@ -181,8 +181,8 @@ class Loads(eqx.Module):
         return spread if out is None else spread + out
 
     def span_moments(self, t: Scalar, length: Number) -> Float[Array, "3 3"] | None:
-        """int f dx, int x / L f dx and int abs(f) dx of the force per length f, in N. The last says
-        how large forces are that balance one another."""
+        """Integrals int f dx, int (x / L) f dx and int abs(f) dx of the force per length f, in N.
+        The last one is a scale also where forces balance each other."""
         xi, weight = points_within((0.0, *self.kinks, 1.0))
         force = self.along_span(t, xi, length)
         if force is None:
@@ -191,7 +191,7 @@ class Loads(eqx.Module):
         return length * jnp.concatenate([sums, (weight @ jnp.abs(force))[None]])
 
     def since(self, origin: Scalar) -> "Loads":
-        """Loads by a clock that shows zero at time `origin` (s), as in `Motion.since`."""
+        """Loads as functions of the time since `origin` (s), as in `Motion.since`."""
         clock, parts = Clock(origin, self.jump_times()), dict[str, Any]()
         for name in ("tip_force", "tip_moment", "force_per_length"):
             if callable(part := getattr(self, name)):
@@ -245,7 +245,7 @@ def _along_span(value: Any) -> Any:
 
 
 def _three(name: str, value: Any) -> tuple[Any, ...]:
-    """Three components, which may come as an array."""
+    """The three components of a force per length, as a tuple; raises `ValueError` for others."""
     given = tuple(value) if hasattr(value, "__len__") or hasattr(value, "__iter__") else (value,)
     if len(given) != 3:
         raise ValueError(
@@ -265,18 +265,18 @@ def _triple(name: str, value: Any) -> Triple:
 
 
 def in_plane(stray: Array, kept: Array) -> Array:
-    """Whether what points out of the plane of rotation is but rounding of what points along it."""
+    """Whether components `stray` out of the plane of rotation are rounding beside those `kept`."""
     return jnp.all(jnp.abs(stray) <= 1e-9 * jnp.abs(kept))
 
 
 def loads_in_range(
     gravity: Triple, push: Triple, tip: Any, span: Float[Array, "3 3"] | None
 ) -> tuple[Array, Array]:
-    """Whether gravity, the acceleration of the hub less gravity, what is at the tip and along the
-    span (see `Loads.span_moments`) are all finite, and whether they are in plane."""
+    """Whether all loads are finite, and whether all are in plane: gravity, acceleration of the hub
+    less gravity `push`, load at the `tip`, and along the `span` as of `Loads.span_moments`."""
     along = jnp.zeros((3, 3), gravity.dtype) if span is None else span
     given = jnp.concatenate([jnp.stack([gravity, *jax.tree.leaves(tip)]), along])
-    # All else that may be at the tip is for models in space.
+    # Loads at the tip with moments or turning are for models in space, where no plane matters.
     force = tip if isinstance(tip, Array) else jnp.zeros(3, gravity.dtype)
     each = jnp.stack([push, force, along[2]])
     stray, kept = each[:, 2], jnp.max(jnp.abs(each), 1)
@@ -284,7 +284,7 @@ def loads_in_range(
 
 
 def are_along(loads: Loads, length: Number) -> Array:
-    """Whether loads that are constant act along the undeformed beam, of this length, alone."""
+    """Whether all of some constant loads act along the undeformed beam, of this length."""
     span = Span.between((0.0, *loads.kinks, 1.0), _POINTS)
     density = loads.along_span(jnp.zeros(()), span.xi, length)
     given: list[Any] = [loads.gravity, loads.tip_force, density]
@@ -294,20 +294,19 @@ def are_along(loads: Loads, length: Number) -> Array:
 
 
 def only_pull(loads: Loads, length: Scalar) -> Array:
-    """Whether loads that are constant do nothing but pull at every section of a straight beam of a
-    length: along it there is no larger load under which it might give way."""
+    """Whether constant loads are tension in every section of a straight beam of this length: then
+    no multiple of them buckles it."""
     span = Span.between((0.0, *loads.kinks, 1.0), _POINTS)
     force = jnp.zeros(span.xi.size + 1, length.dtype)
     density = loads.along_span(jnp.zeros_like(length), span.xi, length)
     if density is not None:
-        pull = density[:, 0]
-        force = length * jnp.append(span.beyond(pull), span.total(pull))
+        along = density[:, 0]
+        force = length * jnp.append(span.beyond(along), span.total(along))
     tip: Any = loads.tip_force
     if tip is not None:
         force = force + tip[0]
-    down = jnp.asarray(False) if loads.gravity is None else loads.gravity[0] < 0
-    return are_along(loads, length) & loads.has_potential & jnp.all(force >= 0) & ~down
+    compresses = jnp.asarray(False) if loads.gravity is None else loads.gravity[0] < 0
+    return are_along(loads, length) & loads.has_potential & jnp.all(force >= 0) & ~compresses
 
 
-# What public functions take where nothing is given.
-NO_LOADS = Loads()
+NO_LOADS = Loads()  # the default of public functions

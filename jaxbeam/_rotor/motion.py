@@ -49,10 +49,10 @@ class Hub(NamedTuple):
 
 
 def spinning(angular_speed: Number) -> Hub:
-    """The hub turning steadily about a3."""
-    none = jnp.zeros_like(angular_speed)
-    zero = jnp.stack([none, none, none])
-    return Hub(zero, jnp.stack([none, none, angular_speed]), zero, zero, zero)
+    """The motion of a hub that turns steadily about a3."""
+    zero = jnp.zeros_like(angular_speed)
+    zeros = jnp.stack([zero, zero, zero])
+    return Hub(zeros, jnp.stack([zero, zero, angular_speed]), zeros, zeros, zeros)
 
 
 class Motion(eqx.Module):
@@ -73,7 +73,7 @@ class Motion(eqx.Module):
         )
 
     def valid(self, t: Scalar) -> Array:
-        """Whether the motion makes sense at time `t` (s), beside being finite."""
+        """Whether the motion is allowed at time `t` (s), besides being finite."""
         return jnp.asarray(True)
 
     def change_times(self) -> Times:
@@ -104,18 +104,18 @@ class Motion(eqx.Module):
     def hub(self, t: Scalar, gravity: Triple | None) -> Hub:
         """The `Hub` at time t; `gravity` is in inertial components."""
         (velocity, spin), (rate, spin_rate) = self.velocities_and_rates(t)
-        pull = jnp.zeros_like(velocity) if gravity is None else self.attitude(t).T @ gravity
-        return Hub(velocity, spin, rate, spin_rate, pull)
+        hub_gravity = jnp.zeros_like(velocity) if gravity is None else self.attitude(t).T @ gravity
+        return Hub(velocity, spin, rate, spin_rate, hub_gravity)
 
     def velocities_and_rates(
         self, t: Scalar
     ) -> tuple[tuple[Triple, Triple], tuple[Triple, Triple]]:
-        """The `velocities` and their rates."""
+        """The `velocities` and their rates, at time t."""
         return jax.jvp(self.velocities, (t,), (jnp.ones_like(t),))
 
 
 class _Since(Motion):
-    """A motion by a clock that shows zero at a time of its own."""
+    """A motion as a function of the time since the origin of a clock."""
 
     motion: Motion
     clock: Clock
@@ -161,7 +161,7 @@ class Spin(Motion):
     def velocities_and_rates(
         self, t: Scalar
     ) -> tuple[tuple[Triple, Triple], tuple[Triple, Triple]]:
-        # Through the one scalar that varies: a third of the operations to compile.
+        # By the derivative of the speed alone: a third of the operations to compile.
         speed, rate = jax.jvp(self.angular_speed, (t,), (jnp.ones_like(t),))
         zero = jnp.zeros_like(self.axis)
         return (zero, speed * self.axis), (zero, rate * self.axis)
@@ -188,10 +188,10 @@ def skew(a: Triple) -> Float[Array, "3 3 *#lanes"]:
 
 
 def axes(t: Triple, angle: Number) -> Float[Array, "3 3 *lanes"]:
-    """Rows: a unit vector t, and the axes of a section that is turned about it by an angle from
-    where the least rotation, of a1 to t, brings a2 and a3, which exists unless t is -a1."""
+    """Axes of a section as rows: the unit tangent t, and a2 and a3 turned by the least rotation
+    from a1 to t, then about t by an angle. There is no least rotation where t is -a1."""
     x, y, z = t
-    # 1 / (1 + x), in the second form without cancellation.
+    # 1 / (1 + x): where x < 0 as (1 - x) / (1 - x^2), without cancellation.
     ahead = x > 0
     share = jnp.where(ahead, 1.0, 1 - x) / jnp.where(ahead, 1 + x, y * y + z * z)
     second = jnp.stack([-y, 1 - y * y * share, -y * z * share])
@@ -201,26 +201,25 @@ def axes(t: Triple, angle: Number) -> Float[Array, "3 3 *lanes"]:
 
 
 def rotation_vector(t: Triple, angle: Number) -> Triple:
-    """The rotation that brings a1 to a unit vector t, and a2 and a3 to where `axes` has them: its
-    axis times its angle, in rad."""
+    """The rotation vector, axis times angle in rad, of the rotation from a1, a2 and a3 to the
+    `axes` of a section with unit tangent t."""
     x, y, z = t
     whole = jnp.sqrt(2 * jnp.maximum(1 + x, jnp.finfo(t.dtype).tiny))
-    least = (
-        jnp.stack([jnp.zeros_like(x), -z, y]) / whole[None]
-    )  # sin(half) times its axis, across t
+    # The least rotation, from a1 to t, as its axis times the sine of half its angle.
+    least = jnp.stack([jnp.zeros_like(x), -z, y]) / whole[None]
     cos, sin = jnp.cos(angle / 2), jnp.sin(angle / 2)
     real = cos * whole / 2
-    way = cos[None] * least + sin[None] * ((whole / 2)[None] * t + cross(t, least))
-    square = jnp.sum(way * way, 0)
+    vector = cos[None] * least + sin[None] * ((whole / 2)[None] * t + cross(t, least))
+    square = jnp.sum(vector * vector, 0)
     small = square < 1e-8
     size = jnp.sqrt(jnp.where(small, 1.0, square))
-    near = (2 - square / 3 * (2 / real**2)) / real  # 2 atan(s / w) / s, to s^2
-    return jnp.where(small, near, 2 * jnp.arctan2(size, real) / size)[None] * way
+    near = (2 - square / 3 * (2 / real**2)) / real  # 2 atan(s / w) / s to second order in s
+    return jnp.where(small, near, 2 * jnp.arctan2(size, real) / size)[None] * vector
 
 
 def hub_matrices(hub: Hub) -> tuple[Float[Array, "3 3 *#lanes"], Float[Array, "3 3 *#lanes"]]:
-    """The matrices omega~ omega~ + omega'~ and 2 omega~: the acceleration of a point, seen from the
-    hub, by its position and its velocity there."""
+    """The matrices omega~ omega~ + omega'~ and 2 omega~, by which the acceleration of a point
+    depends on its position and on its velocity in the hub."""
     spin = skew(hub.angular_velocity)
     return matmul(spin, spin) + skew(hub.angular_velocity_rate), 2 * spin
 
@@ -230,7 +229,7 @@ def no_times() -> Times:
 
 
 def time_list(name: str, given: Any) -> Times:
-    """`given` as a list of finite real numbers, or the error that says which argument is wrong."""
+    """An argument as an array (k,) of finite times; raises errors that name the argument."""
     values = real_array(name, given) if is_there(given) else no_times()
     if values.ndim != 1:
         raise ValueError(f"{name} must be a list of real numbers, got shape {values.shape}")
@@ -247,11 +246,11 @@ class _Declared(Motion):
         self.changes, self.jumps = time_list("changes", changes), time_list("jumps", jumps)
 
     def change_times(self) -> Times:
-        """The times that were given."""
+        """The times that were given as `changes`."""
         return self.changes
 
     def jump_times(self) -> Times:
-        """The times that were given."""
+        """The times that were given as `jumps`."""
         return self.jumps
 
 
@@ -339,8 +338,8 @@ class HubPose(_Declared):
 
 
 def function_of_time(function: Any) -> Any:
-    """A function of time as a pytree, if it is a plain one: results that hold it may come out of
-    `jax.jit` and `jax.vmap`."""
+    """A function of time as a pytree, wrapped if it is none, so that results that hold it may be
+    returned by `jax.jit` and `jax.vmap`."""
     plain = callable(function) and jax.tree_util.all_leaves([function])
     return jax.tree_util.Partial(function) if plain else function
 

@@ -1,4 +1,4 @@
-"""Numbers that something is made of, with what they may be."""
+"""Parameters of beams, rotors and so on, with rules of the range that each must be in."""
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
@@ -14,44 +14,43 @@ from jaxbeam._rotor.spanwise import AbstractSpanwise, check, samples, taken
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, is_concrete
 
-FULL_TURN = 2 * np.pi * (1 + 1e-6)  # in rad, also where it was rounded to a shorter float
+FULL_TURN = 2 * np.pi * (1 + 1e-6)  # rad, with room for rounding to 32 bits
 
 
 def parameter(status: Status, *, zero: bool | None = False, most: float | None = None) -> Any:
-    """A field of a scalar that is positive, or `zero`; with None it may have any sign, and be no
-    more than `most` either way. `status` is the code where that is broken."""
+    """A field of a scalar that must be positive, or with `zero` not negative; with `zero=None` it
+    may have any sign, and at most the magnitude `most`. `status` is the code where it is not."""
     return eqx.field(metadata={"status": status, "zero": zero, "most": most})
 
 
 def whole(status: Status, valid: Callable[[Any], Any]) -> Any:
-    """Field of an array of which a function says, as a whole, whether it is in range."""
+    """A field of an array for which a function `valid` says whether it is allowed."""
     return eqx.field(metadata={"status": status, "valid": valid})
 
 
 def along_span(status: Status) -> Any:
-    """Field of a positive property, a scalar or one that varies along the span."""
+    """A field of a positive property: a scalar, or one that varies along the span."""
     return eqx.field(metadata={"status": status, "zero": False, "varies": True})
 
 
 def optional(
     status: Status, *, zero: bool | None = False, varies: bool = False, of_torsion: bool = False
 ) -> Any:
-    """Field of a number that need not be there: without it the program has nothing of the kind.
+    """A field of a number that may be None: then programs contain nothing of the kind.
 
-    With `zero=None` it may have any sign. At what is `of_torsion` models without torsion do not
-    look.
+    With `zero=None` it may have any sign. With `of_torsion` models without torsion ignore it.
     """
     return _optional(status=status, zero=zero, varies=varies, of_torsion=of_torsion)
 
 
 def angle(status: Status, most: float, *, varies: bool = False) -> Any:
-    """Field of an angle in rad that need not be there, of no more than that either way: larger
-    ones are most often degrees."""
+    """A field of an angle in rad, or None, of magnitude `most` at most: larger numbers are likely
+    to be degrees."""
     return _optional(status=status, zero=None, varies=varies, most=most)
 
 
-def part() -> Any:
-    """Field of parameters that are always there."""
+def required() -> Any:
+    """A field of other `Parameters` that is never None."""
     return eqx.field()
 
 
@@ -60,14 +59,14 @@ def _optional(**rule: Any) -> Any:
 
 
 class Parameters(eqx.Module):
-    """Numbers with rules, each at its field, checked when built from numbers that are known.
+    """Numbers with a rule at the field of each, checked when an object is made of concrete ones.
 
-    A further one is a field with its rule and an argument of `__init__` of the same name.
+    To add a number, add a field with a rule and an argument of `__init__` of the same name.
     """
 
     def _take(self, given: Mapping[str, Any]) -> None:
-        """Set each field from the argument of its name; those with a rule as scalars, or as
-        properties along the span."""
+        """Set each field from the argument of its name, converted to a scalar or a property along
+        the span if it has a rule."""
         for field in dataclasses.fields(self):
             value, rule = given[field.name], field.metadata
             if rule and not (value is None and "optional" in rule):
@@ -80,7 +79,7 @@ class Parameters(eqx.Module):
             if "status" not in rule or value is None or not is_concrete(value):
                 continue
             if "valid" in rule:
-                with jax.ensure_compile_time_eval():  # under `jit` it would be traced
+                with jax.ensure_compile_time_eval():  # a number, also within a traced function
                     fine = bool(rule["valid"](value))
                 if not fine:
                     raise ValueError(rule["status"].message)
@@ -88,7 +87,7 @@ class Parameters(eqx.Module):
                 check(rule["status"], value, rule["zero"], rule.get("most"))
 
     def status(self, angular_speed: Scalar) -> Code:
-        """`Status` of the parameters: the first that is out of range. Works under `jit`, `vmap`."""
+        """`Status` of the first parameter that is out of range; works under `jit` and `vmap`."""
         code = jnp.where(jnp.isfinite(angular_speed), Status.OK, Status.INVALID_ANGULAR_SPEED)
         for value, rule in reversed([*self._rules()]):
             if "valid" in rule:
@@ -107,8 +106,8 @@ class Parameters(eqx.Module):
                 yield value, field.metadata
 
     def _given(self) -> Iterator[tuple[str, Mapping[str, Any]]]:
-        """Name and rule of each field that need not be there and is; names within a part begin with
-        its own."""
+        """Name and rule of each field that may be None and is not. Fields of parameters within
+        these are named after both, as `tip_body.flap_inertia`."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if field.default is None and value is not None:
@@ -118,12 +117,12 @@ class Parameters(eqx.Module):
 
     @property
     def given(self) -> frozenset[str]:
-        """Names of all that is there and need not be."""
+        """Names of all fields that may be None and are not."""
         return frozenset(name for name, _ in self._given())
 
     @property
     def features(self) -> tuple[str, ...]:
-        """Names of the features that a model has to know, beyond what is always there."""
+        """Names of the features that a model has to know: fields that may be None and are not."""
         return tuple(name for name, rule in self._given() if not rule.get("of_torsion"))
 
     @property
@@ -133,8 +132,8 @@ class Parameters(eqx.Module):
         return not self.features
 
     def checked(self) -> Self:
-        """A rebuilt copy, so that what comes from `eqx.tree_at` or `vmap` meets the checks as
-        well."""
+        """A copy made by the constructor, so that numbers set by `eqx.tree_at` or `vmap` are
+        checked."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         parts = Parameters | AbstractSpanwise
         return type(self)(

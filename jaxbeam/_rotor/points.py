@@ -1,8 +1,7 @@
-"""What is at points along the span: masses, and forces.
+"""Point masses and point forces along the span.
 
-Each is spread over `WIDTH` of the span about its place. That is far below what any function along a
-beam sees, and lets every integral along the span take a point for a part of the beam: a frequency
-moves by some 1e-12, as the square of the width.
+Each is spread over `WIDTH` of the span about its place, so that integrals along the span include it
+as a density. Frequencies change by some 1e-12, as the square of the width.
 """
 
 import itertools
@@ -23,8 +22,8 @@ from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, along, at_ends, 
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Scalar, is_concrete
 
-WIDTH = 1e-6  # of the span
-_DIGITS = 12  # of places, so that edges are not rounded later
+WIDTH = 1e-6  # width of a box, over the length of the beam
+_DIGITS = 12  # digits to which ends of boxes are rounded, so that equal ones compare as equal
 
 
 class Boxes(eqx.Module):
@@ -34,8 +33,8 @@ class Boxes(eqx.Module):
 
     @classmethod
     def about(cls, places: Sequence[float]) -> Self:
-        """Pieces about places x / L."""
-        both = ((at - WIDTH / 2, at + WIDTH / 2) for at in places)
+        """The boxes, of width `WIDTH`, about places x / L."""
+        both = ((place - WIDTH / 2, place + WIDTH / 2) for place in places)
         return cls(tuple((round(a, _DIGITS), round(b, _DIGITS)) for a, b in both))
 
     @property
@@ -44,7 +43,7 @@ class Boxes(eqx.Module):
         return tuple(itertools.chain(*self.ends))
 
     def density(self, xi: np.ndarray) -> Float[np.ndarray, "p k"]:
-        """The density that integrates to one over each box, at places that are no kinks."""
+        """The density of each of k boxes, constant there with integral one, at p places xi."""
         start, end = np.asarray(self.ends).T
         inside = (start < xi[:, None]) & (xi[:, None] < end)
         return inside / (end - start)
@@ -112,11 +111,11 @@ class PointForces(eqx.Module):
 
     @property
     def boxes(self) -> Boxes:
-        """The pieces of the span on which the forces act."""
+        """The pieces of the span over which the forces are spread."""
         return Boxes.about(self.places)
 
     def since(self, clock: Clock) -> "PointForces":
-        """Forces by a clock that shows zero at its origin."""
+        """The forces as functions of the time since the origin of a clock."""
         if not callable(self.forces):
             return self
         later: PointForces = eqx.tree_at(lambda s: s.forces, self, Later(self.forces, clock))
@@ -129,64 +128,64 @@ class PointForces(eqx.Module):
 
 
 class WithPoints(AbstractSpanwise):
-    """A mass per length with masses at points."""
+    """A mass per length with point masses, spread over boxes, as a property along the span."""
 
-    own: Property
-    masses: Float[Array, " k"]  # over the length, kg/m
+    beam: Property  # mass per length without points, kg/m
+    masses: Float[Array, " k"]  # point masses over the length of the beam, kg/m
     boxes: Boxes
     kinks: tuple[float, ...] = eqx.field(static=True)
     steps: tuple[float, ...] = eqx.field(static=True)
 
-    def __init__(self, own: Property, points: PointMasses, length: Number) -> None:
-        self.own, self.boxes = own, Boxes.about(points.places)
+    def __init__(self, beam: Property, points: PointMasses, length: Number) -> None:
+        self.beam, self.boxes = beam, Boxes.about(points.places)
         self.masses = points.masses / length
-        varies = isinstance(own, AbstractSpanwise)
-        kinks, steps = (own.kinks, own.steps) if varies else ((), ())
+        varies = isinstance(beam, AbstractSpanwise)
+        kinks, steps = (beam.kinks, beam.steps) if varies else ((), ())
         self.kinks = tuple(sorted({*kinks, *self.boxes.kinks}))
         self.steps = tuple(sorted({*steps, *self.boxes.kinks}))
 
     def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
-        return along(self.own, xi) + self.boxes.density(np.asarray(xi, float)) @ self.masses
+        return along(self.beam, xi) + self.boxes.density(np.asarray(xi, float)) @ self.masses
 
     def within(self, edges: tuple[float, ...], s: Array) -> Float[Array, "e p"]:
-        varies = isinstance(self.own, AbstractSpanwise)
-        own = self.own.within(edges, s) if varies else jnp.broadcast_to(self.own, s.shape)
-        return own + self._between(edges)[:, None]
+        varies = isinstance(self.beam, AbstractSpanwise)
+        beam = self.beam.within(edges, s) if varies else jnp.broadcast_to(self.beam, s.shape)
+        return beam + self._between(edges)[:, None]
 
     def ends(self, edges: tuple[float, ...]) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
-        first, last = at_ends(self.own, edges)
+        first, last = at_ends(self.beam, edges)
         return first + self._between(edges), last + self._between(edges)
 
     def samples(self) -> Float[Array, " k"]:
-        return jnp.concatenate([jnp.ravel(samples(self.own)), self.masses])
+        return jnp.concatenate([jnp.ravel(samples(self.beam)), self.masses])
 
     def _between(self, edges: tuple[float, ...]) -> Float[Array, " e"]:
-        """The points' share in each segment between edges."""
+        """The mass per length of the points in each segment between edges, constant there."""
         places = np.asarray(edges)
         return jnp.asarray(self.boxes.density((places[1:] + places[:-1]) / 2)) @ self.masses
 
 
 def checked_places(given: Any) -> tuple[float, ...]:
-    """Places x / L of points, if they may be such; else an error that says which is wrong."""
+    """Places x / L of points as numbers, checked: increasing, apart, and away from both ends."""
     places = np.atleast_1d(concrete_array("places", given))
     if places.ndim != 1 or not places.size:
         raise ValueError(f"places must be one or more in a row, got shape {places.shape}")
-    room = 10 * WIDTH
-    if not (np.all(places >= room) and np.all(places <= 1 - room)):  # NaN is neither
+    least = 10 * WIDTH
+    if not (np.all(places >= least) and np.all(places <= 1 - least)):  # NaN is neither
         raise ValueError(
             f"places must be between 0 and 1 (x / L), got {places.tolist()}: what is at the tip is "
             "a tip_mass, a tip_body or a tip_force"
         )
-    if not np.all(np.diff(places) >= room):
+    if not np.all(np.diff(places) >= least):
         raise ValueError(
-            f"places must increase, by {room:g} at least, got {places.tolist()}: what is at one "
+            f"places must increase, by {least:g} at least, got {places.tolist()}: what is at one "
             "place is one point"
         )
     return tuple(places.tolist())
 
 
 def _kept(name: str, values: Any) -> Float[Array, " k"]:
-    """Numbers as they are; where they are known they stay so while a program is compiled."""
+    """Numbers as an array, which is concrete if they are, also within a function that is traced."""
     if not is_concrete(values):
         return jnp.atleast_1d(real_array(name, values))
     with jax.ensure_compile_time_eval():

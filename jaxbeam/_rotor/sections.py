@@ -1,4 +1,4 @@
-"""Sections along a beam: full matrices about an axis, as the elements of a rod ask for them."""
+"""Sections along a beam as matrices of six by six about an axis, for elements of rods."""
 
 import abc
 from typing import Any
@@ -16,17 +16,17 @@ Places = Float[np.ndarray, " m"]
 
 
 def full_matrices(rows: Float[Array, "n 21"]) -> Float[Array, "n 6 6"]:
-    """Symmetric matrices from their upper triangles, row by row."""
+    """Symmetric matrices from their upper triangles, whose 21 entries are given row by row."""
     return rows[:, _PLACE.ravel()].reshape(-1, 6, 6)
 
 
 def upper_triangles(matrices: Float[Array, "n 6 6"]) -> Float[Array, "n 21"]:
-    """Upper triangles of matrices, which may differ from symmetric ones by rounding."""
+    """Upper triangles of the symmetric parts of matrices, 21 entries row by row."""
     return ((matrices + matrices.swapaxes(1, 2)) / 2)[:, SIXES[0], SIXES[1]]
 
 
 class AbstractSections(eqx.Module):
-    """An axis in space, and what is at each place along it, a share of its length from 0 to 1."""
+    """An axis in space with sections along it; places are shares of its length from 0 to 1."""
 
     @property
     @abc.abstractmethod
@@ -36,11 +36,11 @@ class AbstractSections(eqx.Module):
     @property
     @abc.abstractmethod
     def edges(self) -> tuple[float, ...]:
-        """Places from 0 to 1 between which all is smooth."""
+        """Places from 0 to 1 between which axis and properties are smooth."""
 
     @abc.abstractmethod
     def axis_at(self, places: Places) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:
-        """Points of the axis in axes of the blade, from its root, and how they go on with the
+        """Points of the axis in axes of the blade, from its root, and their derivatives by the
         place, in m."""
 
     @abc.abstractmethod
@@ -48,30 +48,29 @@ class AbstractSections(eqx.Module):
         """Angles of the sections about the axis, in rad."""
 
     def fibres_at(self, places: Places) -> tuple[Float[Array, " m"], Float[Array, " m"]] | None:
-        """The square of the polar radius of gyration of the stiffness, and the rate at which
-        sections turn about the axis as they are built, in rad/m; None: fibres along the axis do not
-        lengthen where sections twist."""
+        """The square of the polar radius of gyration of the stiffness (m^2), and the rate of twist
+        as built (rad/m); None: twist does not lengthen fibres along the axis."""
         return None
 
     @abc.abstractmethod
     def compliance_at(self, places: Places) -> Float[Array, "m 6 6"]:
-        """Strains by forces, in axes of the sections."""
+        """Compliances, which make strains of forces, in axes of the sections."""
 
     @abc.abstractmethod
     def stiffness_at(self, places: Places) -> Float[Array, "m 6 6"]:
-        """Forces by strains, in axes of the sections."""
+        """Stiffnesses, which make forces of strains, in axes of the sections."""
 
     @abc.abstractmethod
     def inertia_at(self, places: Places) -> Float[Array, "m 6 6"]:
-        """Momenta by velocities and length, in axes of the sections."""
+        """Inertias, which make momenta per length of velocities, in axes of the sections."""
 
 
 def frames(slope: Float[Array, "m 3"], twist: Float[Array, " m"]) -> Float[Array, "m 3 3"]:
-    """Axes of sections, as columns, of an axis that goes on in these ways: the tangent, and across
-    it, where there is no twist, the one that is nearest to a2, and a third."""
+    """Axes of sections, as columns, from the derivative of the axis by the place, and the twist:
+    the tangent, then without twist the direction across it that is nearest to a2, and a third."""
     tangent = slope / jnp.sqrt(jnp.sum(slope**2, 1, keepdims=True))
-    across = jnp.stack([-tangent[:, 2], 0 * tangent[:, 0], tangent[:, 0]], 1)
-    across = across / jnp.sqrt(jnp.sum(across**2, 1, keepdims=True))
-    own: Any = jnp.cross(across, tangent)
+    third = jnp.stack([-tangent[:, 2], 0 * tangent[:, 0], tangent[:, 0]], 1)
+    third = third / jnp.sqrt(jnp.sum(third**2, 1, keepdims=True))
+    second: Any = jnp.cross(third, tangent)
     cos, sin = jnp.cos(twist)[:, None], jnp.sin(twist)[:, None]
-    return jnp.stack([tangent, cos * own + sin * across, cos * across - sin * own], 2)
+    return jnp.stack([tangent, cos * second + sin * third, cos * third - sin * second], 2)

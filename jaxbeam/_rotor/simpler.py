@@ -1,4 +1,4 @@
-"""Blades without one of the things that `Blade.beam` leaves out."""
+"""Blades simplified in one respect: without couplings, offsets, shear or curvature."""
 
 from collections.abc import Callable
 
@@ -14,22 +14,22 @@ from jaxbeam._rotor.engineering import at_centres
 from jaxbeam._rotor.sections import full_matrices, upper_triangles
 
 _SixBySix = Float[Array, "n 6 6"]
-# Entries that are no couplings of a section whose strains are at its centres: shear with shear and
-# bending with bending are what principal axes are of.
-_OWN = np.eye(6)
-_OWN[1:3, 1:3] = _OWN[4:, 4:] = 1.0
+# Entries of a compliance at the centres of a section that are no couplings: the diagonal, and shear
+# with shear and bending with bending, which depend on principal axes.
+_UNCOUPLED = np.eye(6)
+_UNCOUPLED[1:3, 1:3] = _UNCOUPLED[4:, 4:] = 1.0
 
 
 def uncoupled(blade: Blade) -> Blade:
-    """A blade without the couplings of stretch, shear, torsion and bending, but for those that
-    centres make which are off the axis."""
-    compliance, back = _seen_from_centres(blade)
-    return _with(blade, back @ (_OWN[None] * compliance) @ back.swapaxes(1, 2))
+    """The blade without couplings of stretch, shear, torsion and bending with each other, except
+    those by centres that are off the axis."""
+    compliance, back = _compliance_at_centres(blade)
+    return _with(blade, back @ (_UNCOUPLED[None] * compliance) @ back.swapaxes(1, 2))
 
 
 def centred(blade: Blade) -> Blade:
-    """A blade whose centres of tension, shear and mass are on the axis."""
-    compliance, _ = _seen_from_centres(blade)
+    """The blade with centres of tension, shear and mass moved to the axis."""
+    compliance, _ = _compliance_at_centres(blade)
     inertia = full_matrices(blade.inertia)
     mass = inertia[:, 0, 0, None]
     centre = jnp.stack([-inertia[:, 0, 5], inertia[:, 0, 4]], 1) / mass
@@ -39,8 +39,8 @@ def centred(blade: Blade) -> Blade:
 
 
 def stiff_in_shear(blade: Blade) -> Blade:
-    """A blade with hardly any shear at shear centres, as a `Beam` has it, and no coupling of it."""
-    compliance, back = _seen_from_centres(blade)
+    """The blade with as little shear at shear centres as a `Beam`, and no coupling of shear."""
+    compliance, back = _compliance_at_centres(blade)
     across = np.eye(6)[1:3]
     bending = jnp.stack([compliance[:, 5, 5], compliance[:, 4, 4]], 1)  # along axes 2 and 3
     shear = (STIFF_IN_SHEAR * blade.length**2 * bending)[:, :, None] * across[None]
@@ -50,7 +50,7 @@ def stiff_in_shear(blade: Blade) -> Blade:
 
 
 def straight(blade: Blade) -> Blade:
-    """A blade with a straight axis of the same length."""
+    """The blade with a straight axis of the same length."""
     along = np.asarray(blade.axis_stations)[:, None] * np.eye(3)[:1]
     return eqx.tree_at(lambda b: b.axis, blade, blade.length * along)
 
@@ -65,13 +65,13 @@ def _with(blade: Blade, compliance: _SixBySix) -> Blade:
     return eqx.tree_at(lambda b: b.stiffness, blade, rows)
 
 
-def _seen_from_centres(blade: Blade) -> tuple[_SixBySix, _SixBySix]:
-    """Compliances of stretch at tension centres and shear at shear centres, and what makes of such
-    strains those at the reference point."""
+def _compliance_at_centres(blade: Blade) -> tuple[_SixBySix, _SixBySix]:
+    """Compliances with stretch at tension centres and shear at shear centres, and the matrices from
+    such strains to those at the reference point."""
     f = inverses(full_matrices(blade.stiffness))
-    # Tension N at (y, z) has the moments (z N, -y N), and bends by none where that is undone.
+    # Tension N at (y, z) has the moments (z N, -y N): at the centre they cancel the bending by N.
     z, less_y = -jnp.linalg.solve(f[:, 4:, 4:], f[:, 4:, :1])[:, :, 0].T
     tension = jnp.stack([-less_y, z], 1)
     shear = jnp.stack([-f[:, 3, 2], f[:, 3, 1]], 1) / f[:, 3, 3, None]
-    there = at_centres(tension, shear)
-    return there @ f @ there.swapaxes(1, 2), at_centres(-tension, -shear)
+    to_centres = at_centres(tension, shear)
+    return to_centres @ f @ to_centres.swapaxes(1, 2), at_centres(-tension, -shear)

@@ -24,38 +24,38 @@ from jaxbeam._checks import (
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Scalar, is_concrete
 
-_POINTS = 16  # in a segment; what is linear there is exact from two on
+_POINTS = 16  # Gauss points of each segment; two are exact for linear properties
 
 
 class AbstractSpanwise(eqx.Module):
     """A property that varies along the span."""
 
     kinks: eqx.AbstractVar[tuple[float, ...]]  # where it is not smooth, between 0 and 1
-    steps: eqx.AbstractVar[tuple[float, ...]]  # those at which it may jump
+    steps: eqx.AbstractVar[tuple[float, ...]]  # kinks at which it may jump
 
     @abc.abstractmethod
     def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
-        """Values at points, none of which is a kink."""
+        """Values at places xi = x / L, none of which is a kink."""
 
     def within(self, edges: tuple[float, ...], s: Array) -> Float[Array, "e p"]:
-        """Values at places s, from 0 to 1, in each segment between edges, which are all kinks and
-        may be more."""
+        """Values at places s, from 0 to 1, of each segment between edges, among which all kinks
+        must be."""
         places = np.asarray(edges)
         return self.at((places[:-1, None] + np.diff(places)[:, None] * s).reshape(-1)).reshape(
             s.shape
         )
 
     def ends(self, edges: tuple[float, ...]) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
-        """Values just behind the beginning, and just before the end, of every segment."""
+        """Values just after the start and just before the end of every segment between edges."""
         first, last = (self.at(xi) for xi in beside_kinks(edges))
         return first, last
 
     @abc.abstractmethod
     def samples(self) -> Float[Array, " k"]:
-        """Values by which to tell whether the property is in range."""
+        """Values that are checked to tell whether the property is in range."""
 
     def checked(self) -> Self:
-        """A rebuilt copy, so that what comes from `eqx.tree_at` meets the checks as well."""
+        """A copy made by the constructor, so that numbers set by `eqx.tree_at` are checked."""
         return self
 
 
@@ -77,7 +77,7 @@ class Spanwise(AbstractSpanwise):
 
     def __init__(self, stations: Sequence[float], values: Any) -> None:
         places = concrete_array("stations", stations)
-        if is_concrete(values):  # and stays so while a program is compiled
+        if is_concrete(values):  # keep them concrete within functions that are traced
             with jax.ensure_compile_time_eval():
                 self.values = real_array("values", values)
         else:
@@ -93,7 +93,7 @@ class Spanwise(AbstractSpanwise):
                 f"stations must go from 0 to 1 (x / L), got {places[0]:g} to {places[-1]:g}"
             )
         for i, step in enumerate(np.diff(places)):
-            if not step >= 0:  # NaN too
+            if not step >= 0:  # also for NaN
                 raise ValueError(
                     f"stations must not decrease, got {places[i]:g} and then {places[i + 1]:g} "
                     f"at number {i + 2}"
@@ -119,7 +119,7 @@ class Spanwise(AbstractSpanwise):
         left, _ = between(self.stations, (places[1:] + places[:-1]) / 2)
         gap = stations[left + 1] - stations[left]
         first, second = self.values[left], self.values[left + 1]
-        both = ((at - stations[left]) / gap for at in (places[:-1], places[1:]))
+        both = ((edge - stations[left]) / gap for edge in (places[:-1], places[1:]))
         start, end = (first * (1 - share) + second * share for share in both)
         return start, end
 
@@ -152,15 +152,15 @@ class SpanwiseFunction(AbstractSpanwise):
         places = np.unique(concrete_array("kinks", kinks)) if len(kinks) else np.zeros(0)
         if not np.all((places > 0) & (places < 1)):
             raise ValueError(f"kinks must be between 0 and 1 (x / L), got {tuple(kinks)}")
-        # What of it is no pytree, it as a whole or a function inside, jit would stumble over.
+        # Functions that are no pytrees are wrapped, since `jax.jit` takes none as leaves.
         function = jax.tree.map(
             lambda leaf: jax.tree_util.Partial(leaf) if callable(leaf) else leaf, function
         )
         self.function, self.kinks = function, tuple(places.tolist())
-        self.steps = self.kinks  # for all that is known of it
+        self.steps = self.kinks  # it may jump at any of them
 
     def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
-        with jax.ensure_compile_time_eval():  # what is of x alone may then be of NumPy, too
+        with jax.ensure_compile_time_eval():  # concrete places, so that the function may use NumPy
             points = jnp.asarray(xi)
         with traceable("function"):
             values = self.function(points)
@@ -176,23 +176,23 @@ class SpanwiseFunction(AbstractSpanwise):
         return self.at(points_within(edges)[0])
 
 
-Property = Any  # Scalar | AbstractSpanwise: whoever gave numbers gets numbers back
+Property = Any  # Scalar | AbstractSpanwise, left to users as they gave it
 
 
 def along(value: Property, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
-    """A property at points, none of which is a kink."""
+    """Values of a property at places xi = x / L, none of which is a kink."""
     if isinstance(value, AbstractSpanwise):
         return value.at(xi)
     return jnp.broadcast_to(value, np.shape(xi))
 
 
 def at_root(value: Property) -> Scalar:
-    """A property at the root."""
+    """The value of a property at the root."""
     return value.at(np.zeros(1))[0] if isinstance(value, AbstractSpanwise) else value
 
 
 def mean(value: Property) -> Number:
-    """Mean of a property over the span; of a uniform one, which may have lanes, itself."""
+    """Mean of a property over the span; a number, which may have lanes, is its own mean."""
     if not isinstance(value, AbstractSpanwise):
         return value
     xi, weight = points_within((0.0, *value.kinks, 1.0))
@@ -201,14 +201,15 @@ def mean(value: Property) -> Number:
 
 @functools.lru_cache(maxsize=64)
 def points_within(edges: tuple[float, ...], points: int = _POINTS) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss points and weights of all segments between edges, in order."""
+    """Gauss points x / L and weights of all segments between edges, so many in each."""
     x, w = legendre.leggauss(points)
     start, length = np.asarray(edges[:-1])[:, None], np.diff(edges)[:, None]
     return (start + length * (1 + x) / 2).ravel(), (length * w / 2).ravel()
 
 
 def between(stations: tuple[float, ...], xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The station before each place, and how far the place is on the way to the next one."""
+    """The index of the station before each place xi, and the place as a share, from 0 to 1, of the
+    way from it to the next one."""
     places = np.asarray(stations)
     left = np.clip(np.searchsorted(places, xi, side="right") - 1, 0, places.size - 2)
     return left, (xi - places[left]) / (places[left + 1] - places[left])
@@ -217,7 +218,7 @@ def between(stations: tuple[float, ...], xi: np.ndarray) -> tuple[np.ndarray, np
 def at_ends(
     value: Property, edges: tuple[float, ...]
 ) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
-    """A property at the beginning and at the end of every segment between edges."""
+    """Values of a property at the start and at the end of every segment between edges."""
     if isinstance(value, AbstractSpanwise):
         return value.ends(edges)
     both = jnp.broadcast_to(value, (len(edges) - 1,))
@@ -225,7 +226,7 @@ def at_ends(
 
 
 def beside_kinks(edges: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Points just behind the beginning, and just before the end, of every segment."""
+    """Places just after the start and just before the end of every segment between edges."""
     places = np.asarray(edges)
     near = 1e-9 * np.diff(places)
     return places[:-1] + near, places[1:] - near
@@ -237,7 +238,8 @@ def edges_between(properties: Sequence[AbstractSpanwise]) -> tuple[float, ...]:
 
 
 def taken(name: str, value: Any, varies: bool) -> Property:
-    """An argument that is a number or, if it may, varies along the span; else an error."""
+    """An argument as a scalar or, if it `varies`, as the property along the span that it is; raises
+    `TypeError` for others."""
     if isinstance(value, AbstractSpanwise) and varies:
         return value
     if varies and callable(value) and not hasattr(value, "dtype"):
@@ -249,15 +251,16 @@ def taken(name: str, value: Any, varies: bool) -> Property:
 
 
 def samples(value: Property) -> Any:
-    """Numbers by which to tell whether a property is in range."""
+    """Numbers that are checked to tell whether a property is in range."""
     return value.samples() if isinstance(value, AbstractSpanwise) else value
 
 
 def check(status: Status, value: Property, zero: bool | None, most: float | None = None) -> None:
-    """Raise `ValueError` with the sentence of `status` unless a known property is in range."""
-    with jax.ensure_compile_time_eval():  # under `jit` even functions without unknowns are traced
+    """Raise `ValueError` with the sentence of `status` unless a property, if concrete, is in range:
+    positive, with `zero` not negative, with None of any sign, and at most `most`."""
+    with jax.ensure_compile_time_eval():  # concrete numbers, also within a traced function
         numbers = samples(value)
-    if not is_concrete(numbers):  # a closure over what is not known
+    if not is_concrete(numbers):  # a function that closes over traced numbers
         return
     numbers = np.asarray(numbers)
     fine = is_concrete_valid(numbers, zero, most)

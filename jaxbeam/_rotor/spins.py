@@ -1,4 +1,4 @@
-"""Rotations about a fixed axis: those of the papers, constant, modulated and tabulated speed.
+"""Rotations about a fixed axis: spin-ups of the papers, constant, modulated and tabulated speed.
 
 Y and B are the papers of `_models/contract/__init__.py`.
 """
@@ -60,7 +60,7 @@ class ConstantSpeed(Spin):
 
 
 class _SpinUp(Spin):
-    # Subclasses repeat __init__: type checkers would otherwise make one from the fields.
+    # Subclasses repeat __init__, since type checkers would make one from their fields.
     speed: Scalar
     duration: Scalar
     axis: Triple
@@ -71,20 +71,20 @@ class _SpinUp(Spin):
 
     @abc.abstractmethod
     def profile(self, tau: Scalar) -> Scalar:
-        """Integral from 0 to tau in [0, 1] of `rise`; 1/2 at 1."""
+        """Integral of `rise` from 0 to tau, in [0, 1]: 1/2 at tau = 1."""
 
     @abc.abstractmethod
     def rise(self, tau: Scalar) -> Scalar:
-        """The speed over its final value. It is the derivative of `profile`, stated since one
-        derivative less is a third of the operations to compile."""
+        """The speed over its final value: the derivative of `profile`, stated so that programs have
+        a third of the operations."""
 
     def change_times(self) -> Times:
         """The times at which the speed begins and ends to rise."""
         return jnp.stack([jnp.zeros_like(self.duration), self.duration])
 
     def angle(self, t: Scalar) -> Scalar:
-        # By comparison of times alone: where t / duration rounds to one, and t is a little more, a
-        # clipped ratio has half of its derivative, and the speed would be off by half.
+        # Times are compared, not the ratio t / duration clipped to one: where t is a little more
+        # than the duration and the ratio rounds to one, JAX halves the derivative of a clip.
         done, tau = self._share(t)
         after = jnp.where(done, t - self.duration, 0.0)
         return self.speed * (self.duration * self.profile(tau) + after)
@@ -93,7 +93,7 @@ class _SpinUp(Spin):
         return self.speed * self.rise(self._share(t)[1])
 
     def _share(self, t: Scalar) -> tuple[Array, Scalar]:
-        """Whether the spin-up is over, and how much of its time has passed."""
+        """Whether the spin-up is over, and the share of its duration that has passed."""
         done = t > self.duration
         return done, jnp.where(done, 1.0, jnp.where(t < 0, 0.0, t / self.duration))
 
@@ -180,17 +180,17 @@ class SpinUpThenDown(Spin):
         self.up, self.down_at, self.axis = up, positive("down_at", down_at), up.axis
 
     def change_times(self) -> Times:
-        """The times of the spin-up, and the same for the spin-down."""
+        """The times of changes of the spin-up, and `down_at` later of the spin-down."""
         up = self.up.change_times()
         return jnp.concatenate([up, self.down_at + up])
 
     def jump_times(self) -> Times:
-        """The times of the spin-up, and the same for the spin-down."""
+        """The times of jumps of the spin-up, and `down_at` later of the spin-down."""
         up = self.up.jump_times()
         return jnp.concatenate([up, self.down_at + up])
 
     def angle(self, t: Scalar) -> Scalar:
-        # Angles before t = 0 are not all zero: the descent must not begin before its time.
+        # Some motions have an angle before t = 0, but the spin-down has none before `down_at`.
         return self.up.angle(t) - self.up.angle(jnp.maximum(t - self.down_at, 0.0))
 
 
@@ -207,8 +207,8 @@ class TabulatedSpeed(Spin):
     """
 
     times: Times
-    pieces: Float[Array, "4 p"]  # of the speed, as a cubic in the time since a piece began
-    angles: Times  # turned since the first time, where a piece begins
+    pieces: Float[Array, "4 p"]  # coefficients of the speed by the time since a piece began
+    angles: Times  # angle at the beginning of each piece, since the first time
     axis: Triple
     smooth: bool = eqx.field(static=True)
 
@@ -238,11 +238,11 @@ class TabulatedSpeed(Spin):
         self.angles = jnp.concatenate([none[:1], jnp.cumsum(angle_there)])
 
     def change_times(self) -> Times:
-        """The times of the table, where the speed is smooth there."""
+        """The times of the table if the speed is smooth there; none otherwise."""
         return self.times if self.smooth else no_times()
 
     def jump_times(self) -> Times:
-        """The corners of the speed, if it has any."""
+        """The times of the table if the speed has corners there; none otherwise."""
         return no_times() if self.smooth else self.times
 
     def valid(self, t: Scalar) -> Array:
@@ -254,7 +254,8 @@ class TabulatedSpeed(Spin):
         return table
 
     def _piece(self, t: Scalar) -> tuple[Scalar, Scalar, Array, Scalar]:
-        """Time since the piece at t began, time beyond the table, and the piece."""
+        """The piece of the table at t: time since it began, time before or after the table,
+        coefficients of the speed, and angle where it began."""
         first, last = self.times[0], self.times[-1]
         inside = jnp.where(t < first, first, jnp.where(t > last, last, t))
         i = jnp.searchsorted(self.times, t, side="right") - 1

@@ -27,7 +27,7 @@ class SpringRotor(Parameters):
     Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """
 
-    varies: ClassVar[bool] = False  # there is nothing along which it could
+    varies: ClassVar[bool] = False  # it has no span along which properties could vary
     mass: Scalar = parameter(Status.INVALID_MASS)
     length: Scalar = parameter(Status.INVALID_LENGTH)
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=None)
@@ -46,10 +46,10 @@ class SpringRotor(Parameters):
 
     @property
     def frequency_scale(self) -> Number:
-        """(k_r / (m L^2))^(1/2), in rad/s."""
+        """Frequency scale (k_r / (m L^2))^(1/2), in rad/s."""
         return jnp.sqrt(self.torsional_spring / self.mass) / self.length
 
     @property
     def compliance(self) -> Float[Array, "2"]:
-        """Deflection of the tip by a moment about the hinge, in 1/N; in plane alone."""
+        """Deflection of the tip by a moment about the hinge, in 1/N: in plane, and zero in flap."""
         return jnp.stack([self.length / self.torsional_spring, jnp.zeros_like(self.length)])

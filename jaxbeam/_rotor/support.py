@@ -1,4 +1,4 @@
-"""How either end of a beam is held to the hub: rigidly, by springs or not at all, in six ways."""
+"""Supports of either end of a beam: rigid, by springs or free, along and about three axes."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -89,5 +89,5 @@ class Support(Parameters):
 
     @property
     def springs(self) -> tuple[Number | None, ...]:
-        """Springs of the six ways, in the order of fields; None where held rigidly."""
-        return tuple(getattr(self, way) for way in WAYS)
+        """Springs along and about the three axes, in the order of fields; None where rigid."""
+        return tuple(getattr(self, name) for name in WAYS)

@@ -1,11 +1,11 @@
-"""Units that files and people have, in those of the package."""
+"""Conversion of other units to SI."""
 
 import math
 from typing import Any
 
 from jaxbeam._checks import plain, real_array, real_scalar
 
-_RPM = math.pi / 30  # rad/s
+_RPM = math.pi / 30  # one turn per minute in rad/s
 
 
 def rpm(speed: Any) -> Any:

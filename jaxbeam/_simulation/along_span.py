@@ -18,17 +18,17 @@ from jaxbeam._types import Scalar, Triple, Vector
 
 
 class Instant(NamedTuple):
-    """A scene at one time."""
+    """A scene at one time, with the state of the beam."""
 
     scene: Scene
     rotor: AnyRotor | None
     t: Scalar
     y: State
-    rests: bool = False  # in the hub
+    rests: bool = False  # whether the beam rests in the hub
 
     @property
     def acceleration(self) -> Vector:
-        """v', by the equations of motion."""
+        """Acceleration v' of the coordinates, by the equations of motion."""
         if self.rests:
             return 0 * self.y.q
         return self.scene.acceleration(self.t, self.y.q, self.y.v)

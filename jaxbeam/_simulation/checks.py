@@ -23,7 +23,8 @@ from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Scalar, is_concrete
 
-# Of a hub, of what is at its tip, and of what is along the span (see `Loads.span_moments`).
+# Motion of the hub, load at the tip, and moments of the force along the span as of
+# `Loads.span_moments`, or None.
 Seen = tuple[Hub, Any, Array | None]
 
 
@@ -31,9 +32,9 @@ def scene_status(
     model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
     times: Array, between: Array,
 ) -> tuple[Code, Any]:  # fmt: skip
-    """The first thing that is out of range, at output times or at others `between`; and rotor,
-    motion, loads, damping and inputs at the latter, each harmless where it is not in range (each
-    by itself: what the cases of a batch share stays one for all)."""
+    """The status of a scene, looked at at output times and at times `between`; and rotor, motion,
+    loads, damping and inputs at the latter, each replaced by harmless numbers where it is out of
+    range (one by one, since others may be shared by the cases of a batch)."""
 
     def seen(t: Scalar) -> Seen:
         return motion.hub(t, loads.gravity), loads.at_tip(t), loads.span_moments(t, rotor.length)
@@ -50,7 +51,7 @@ def scene_status(
     inputs = jax.vmap(seen)(moments)
     moves, loaded, planar = jax.vmap(one)(moments, inputs)
     ahead, calm = increasing(times), damping_in_range(damping)
-    # At once, since each search of so many numbers is some programs of its own to compile.
+    # Together, since `jnp.all` of each one separately takes programs of its own to compile.
     moves, loaded, planar = jnp.all(jnp.stack([moves, loaded, planar]), 1)
     fastest = jnp.sqrt(jnp.max(jnp.sum(inputs[0].angular_velocity ** 2, 1)))
     status = first_broken(
@@ -68,7 +69,7 @@ def scene_status(
 
 
 def increasing(times: Array) -> Array:
-    """Whether times are finite and increasing."""
+    """Whether times are finite and increase."""
     return jnp.all(jnp.isfinite(times)) & jnp.all(jnp.diff(times) > 0)
 
 
@@ -76,8 +77,9 @@ def check_scene(
     motion: Any, loads: Any, damping: Any, t: Array,
     case: tuple[AbstractModel, AnyRotor] | None = None, throw: bool = False,
 ) -> None:  # fmt: skip
-    """Raise for arguments that make no scene. Of a `case`, a model and a rotor, what is plain from
-    numbers is told at once, with `throw` also what has a status: see `first_look.py`."""
+    """Raise for arguments that make no scene. With a `case`, a model and a rotor, raise also for
+    features that the model does not know, and with `throw` for concrete numbers that cannot be
+    right (see `first_look.py`)."""
     for name, value, kind in (
         ("motion", motion, Motion), ("loads", loads, Loads), ("damping", damping, Damping)
     ):  # fmt: skip
@@ -88,7 +90,8 @@ def check_scene(
     if shapes != [(3,), (3,)]:
         raise ValueError(f"motion.velocities must return two vectors of shape (3,), got {shapes}")
     if loads.gravity is not None:
-        eqx.filter_eval_shape(motion.attitude, t)  # raises where it is not stated
+        # Raises where the motion does not state its attitude.
+        eqx.filter_eval_shape(motion.attitude, t)
     if case is not None:
         model, rotor = case
         check_supported(model, rotor, loads, damping)
@@ -108,7 +111,7 @@ def checked_times(times: Any) -> Array:
 
 
 def checked_start(model: AbstractModel, start: Any) -> State:
-    """The start, without work done, if it is a state of this model."""
+    """The start with zero work, if it is a state of this model; raises otherwise."""
     check_kind("start", start, State)
     parts = [real_array(f"start.{name}", getattr(start, name)) for name in ("q", "v")]
     for name, part, n in zip(("q", "v"), parts, model.sizes, strict=True):
@@ -128,8 +131,8 @@ _KINDS = {
 
 
 def check_kinds(**given: Any) -> None:
-    """Raise unless the arguments for integration are of the classes of diffrax that they must
-    be."""
+    """Raise `TypeError` unless the arguments for integration are of the classes of diffrax that
+    they must be."""
     for name, value in given.items():
         kind = _KINDS[name]
         if value is not None and not isinstance(value, kind):

@@ -12,7 +12,8 @@ from jaxbeam._types import Scalar, Triple
 
 
 class TracedMotion(Motion):
-    """A motion of which only the program is left."""
+    """A motion by functions of time that have been traced: a program without the user's
+    functions."""
 
     program: Callable[[Scalar], Hub]
     changes: Array
@@ -33,8 +34,8 @@ class TracedMotion(Motion):
 
 
 def converted(part: Any, t: Scalar) -> Any:
-    """A function of time with all its numbers as leaves, those that it closes over too, but not
-    those of default arguments, which would be one for all cases."""
+    """A function of time as a pytree whose leaves are all its numbers, those that it closes over
+    too, but not those of default arguments, which would be one for all cases."""
 
     def at(t: Scalar) -> Array:
         return jnp.asarray(part(t))

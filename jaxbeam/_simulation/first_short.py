@@ -10,21 +10,21 @@ from jaxbeam._simulation.result import Simulation
 from jaxbeam._solvers.steps import SecondOrderSolver
 from jaxbeam._status import Status
 
-# Steps of a run that is compiled quickly: they take about as long as it saves. A run of more is
-# made anew, by what is compiled well.
+# Steps up to which a run uses the quickly compiled program: then they take as long as that saved.
+# Longer runs are done again, by the well compiled program.
 STEPS = 4000
 
 
 def first_short(program: Program, max_steps: int | None, *given: Any) -> Simulation:
-    """A run by a program that takes the arguments `given` and a number of steps: at first by one
-    that is compiled quickly, unless it is longer than that is worth, or would be seen to run
-    twice."""
+    """The result of a run by a program of arguments `given` and a number of steps: by the quickly
+    compiled program first, unless the run is longer than that is worth, or calls back to the user,
+    who would see it run twice."""
     solver, _, _, saveat, _, event, meter = given[7:14]
     ours = isinstance(solver, SecondOrderSolver)
     few = STEPS if max_steps is None else min(STEPS, max_steps)
     seen = not (ours and saveat is None and event is None and meter is None)
     result: Simulation
-    if not seen and program.here(*given, few) is program.quick is not program.well:
+    if not seen and program.for_call(*given, few) is program.quick is not program.well:
         result = program.quick(*given, few)
         if few == max_steps or result.status != Status.MAX_STEPS:
             stats = {**result.solution.stats, "max_steps": max_steps}

@@ -17,26 +17,29 @@ from jaxbeam._solvers.steps import WEIGHTS, inputs_along, length
 from jaxbeam._solvers.system import State
 from jaxbeam._types import Matrix, Scalar
 
-_MISMATCH = 1e-6  # of the hub's speed in a step, relative to the largest, that is not accepted
-_JUMP = 1e-5  # the same in the shortest step, by which a run ends
-_MISSED = 1e-3  # the same summed over a run
-_SHORTEST = 1e-9  # step, relative to the run: what changes within it is a jump
-# What a run ends with that missed something of its motion; diffrax itself does not use it here.
+# Change of the hub's speed in a step that its rate does not explain, over the largest speed, beyond
+# which the step is rejected.
+_MISMATCH = 1e-6
+_JUMP = 1e-5  # unexplained change of the hub's speed beyond which a run ends, in its shortest step
+_MISSED = 1e-3  # unexplained change of the hub's speed beyond which a run ends, summed over it
+_SHORTEST = 1e-9  # shortest step, over the duration of the run: a change within it is a jump
+# Result of a run that missed a change of its motion; diffrax itself does not use this code here.
 MOTION_MISSED = diffrax.RESULTS.max_steps_rejected
 
 
 class _Followed(eqx.Module):
-    """State of `Following`."""
+    """The state of `_Following` between steps."""
 
-    wanted: Scalar  # end of the step that the controller wants
+    wanted: Scalar  # end of the next step as the controller wants it
     inner: Any
-    velocities: Float[Array, " 6"]  # at the end of the last step that was kept
-    missed: Float[Array, " 6"]  # of their change so far, by the integral of their rates
+    velocities: Float[Array, " 6"]  # velocities of the hub at the end of the last accepted step
+    # Change of velocities so far that the integral of their rates does not explain.
+    missed: Float[Array, " 6"]
     speed: Scalar
 
 
 class _Following(diffrax.AbstractStepSizeController):
-    """Any controller, with steps that see what motion and loads do."""
+    """A controller whose steps are limited by what motion and loads do: `StepLimits`."""
 
     controller: diffrax.AbstractStepSizeController
     step_limits: StepLimits
@@ -47,7 +50,8 @@ class _Following(diffrax.AbstractStepSizeController):
         self.controller, self.step_limits = controller, step_limits
 
     def wrap(self, direction: Any) -> Any:
-        """The controller itself, as diffrax asks for it: runs go forwards."""
+        """The controller itself, where diffrax asks for one by the direction of time: runs go
+        forwards."""
         return eqx.tree_at(lambda s: s.controller, self, self.controller.wrap(direction))
 
     def init(
@@ -69,7 +73,8 @@ class _Following(diffrax.AbstractStepSizeController):
         self, t0: Any, t1: Any, y0: State, y1_candidate: State, args: Scene, y_error: Any,
         error_order: Any, controller_state: _Followed,
     ) -> Any:  # fmt: skip
-        """Whether the step is kept, the next one, and whether a stop was passed between them."""
+        """Whether the step is accepted, the next step, and whether a declared time lies between
+        them."""
         step_limits, state = self.step_limits, controller_state
         sizes = self._sizes(t0, t1, args, (y0, y1_candidate, y_error))
         keep, start, wanted, jumped, inner, result = self.controller.adapt_step_size(
@@ -79,8 +84,8 @@ class _Following(diffrax.AbstractStepSizeController):
         if self._adaptive:
             wanted = step_limits.resting(args, y1_candidate, start, wanted)
         else:
-            # It knows the steps that it wants alone, and not those into which they are divided.
-            # What it wanted may be one with a declared time.
+            # The controller within knows only the steps that it asked for, not the parts that these
+            # are divided into, and one that it asked for may end at a declared time.
             whole = t1 >= state.wanted - step_limits.pauses.near
             start = jnp.where(whole, start, t1)
             wanted = jnp.where(whole, wanted, state.wanted)
@@ -97,7 +102,8 @@ class _Following(diffrax.AbstractStepSizeController):
         speed = jnp.maximum(state.speed, jnp.max(jnp.abs(velocities)))
         off, rounding = jnp.max(jnp.abs(mismatch)), float(jnp.finfo(h.dtype).eps)
         shortest = h <= jnp.maximum(_SHORTEST * step_limits.duration, step_limits.pauses.near)
-        unknown = step_limits.rounding * jnp.max(jnp.abs(rate))  # since times are rounded
+        # Change of velocity by rounding of times.
+        unknown = step_limits.rounding * jnp.max(jnp.abs(rate))
         seen = shortest | (off <= (_MISMATCH + 32 * rounding) * speed + unknown)
         missed = state.missed + mismatch
 
@@ -111,7 +117,7 @@ class _Following(diffrax.AbstractStepSizeController):
         if step_limits.pauses.first.size:
             stopped = kept & step_limits.pauses.at(t1)
             jumped = jumped | stopped
-            # A controller that knows of the same times leaves a gap at them.
+            # One that knows the same declared times would leave a gap after them.
             start = jnp.where(stopped, t1, start)
             wanted = jnp.where(stopped & (wanted <= start), start + h, wanted)
         end = jnp.where(
@@ -131,14 +137,16 @@ class _Following(diffrax.AbstractStepSizeController):
         return isinstance(self.controller, diffrax.AbstractAdaptiveStepSizeController)
 
     def _sizes(self, t0: Any, t1: Any, scene: Scene, given: tuple[State, ...]) -> tuple[State, ...]:
-        """The two states of a step and its error, as the controller is to see them."""
+        """The two states of a step and its error, in the form in which the controller measures
+        them."""
         pauses = self.step_limits.pauses
         if not self._adaptive:
             return given
         own, measure = given, self.step_limits.measure
         if measure is not None:
             y0, y1, off = (_measured(measure, y) for y in given)
-            # Controllers know a state that is no number, and an error that is infinite.
+            # Controllers reject steps with infinite errors, or with states that are NaN, but not
+            # with errors that are NaN: these become infinite.
             own = y0, y1, jax.tree.map(lambda a: jnp.where(jnp.isnan(a), jnp.inf, a), off)
         if not pauses.sided:
             return own
@@ -150,7 +158,7 @@ class _Following(diffrax.AbstractStepSizeController):
 
 
 class _AdaptiveFollowing(_Following, diffrax.AbstractAdaptiveStepSizeController):
-    """A controller with tolerances, within steps that follow the motion."""
+    """A controller with tolerances whose steps are limited by what motion and loads do."""
 
     rtol: Any
     atol: Any
@@ -164,8 +172,8 @@ class _AdaptiveFollowing(_Following, diffrax.AbstractAdaptiveStepSizeController)
 
 
 def _measured(by: Matrix, y: State) -> State:
-    """A state with one velocity for all, see `Equations.velocity_measure`: NaN where it is not
-    finite."""
+    """A state with one velocity in the place of all, the root of v^T W v (see
+    `Equations.velocity_measure`); NaN where it is not finite."""
     square = y.v @ (by @ y.v)
     size = jnp.where(jnp.isfinite(square), jnp.sqrt(jnp.maximum(square, 0.0)), jnp.nan)
     return State(y.q, jnp.full_like(y.v, size), y.work)
@@ -174,7 +182,7 @@ def _measured(by: Matrix, y: State) -> State:
 def following(
     controller: diffrax.AbstractStepSizeController, step_limits: StepLimits
 ) -> _Following:
-    """The `controller`, with steps that see what motion and loads do."""
+    """The `controller`, with steps that are limited by what motion and loads do."""
     if isinstance(controller, diffrax.AbstractAdaptiveStepSizeController):
         return _AdaptiveFollowing(controller, step_limits)
     return _Following(controller, step_limits)
@@ -183,13 +191,14 @@ def following(
 def _displacements(
     scene: Scene, apart: Scalar, y0: State, y1: State, error: State
 ) -> tuple[State, State, State]:
-    """Two states and an error as displacements, in m. Each coordinate is the mean along the beam,
-    root of mean square by the mass; each rate is too, but that of the error is what it makes of a
-    mode that goes round once between two corners, so far `apart`, in s.
+    """Two states and an error as displacements, in m, for step-size control. Each coordinate
+    becomes its root mean square along the beam, by mass, and so does each rate. The error of a rate
+    becomes the displacement that it makes in a mode with one period between two corners of the
+    motion, a time `apart` (s).
 
-    What has corners sets all modes in motion, those too that no step between two corners resolves.
-    Their displacements are small, but not their velocities; and of these a table whose samples are
-    slower than they are knows nothing. Of slower modes the error of the displacement tells.
+    A motion with corners excites all modes, also those that no step between two corners resolves.
+    These have small displacements but large velocities, about which a table with slower samples
+    says nothing. Errors of slower modes show in the error of the displacement.
     """
     equations, per_rate = scene.equations, apart / (2 * np.pi)
     mass = equations.rigid_moments[0]
@@ -211,8 +220,8 @@ def _chosen(which: Any, a: Any, b: Any) -> Any:
 
 
 class AfterImpulse(diffrax.AbstractWrappedSolver):
-    """Any solver, asking for what jumps on the side of its step, with the impulse of a jump of the
-    hub's velocity where steps resume after one."""
+    """Any solver, which evaluates motion and loads on the step's side of a jump, and gives the beam
+    the impulse of a jump of the hub's velocity where a step follows one."""
 
     solver: diffrax.AbstractSolver  # type: ignore[misc]
 
@@ -245,20 +254,21 @@ class AfterImpulse(diffrax.AbstractWrappedSolver):
         return self.solver.error_order(terms)
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: Scene) -> Any:
-        """The first state of the solver within, after a jump at t0."""
+        """The first state of the solver within, at t0, after a jump there."""
         return self.solver.init(terms, t0, t1, y0, args.within(t0))
 
     def func(self, terms: Any, t0: Any, y0: State, args: Scene) -> Any:
-        """The rate of the solver within, after a jump at t0."""
+        """The rate that the solver within computes at t0, after a jump there."""
         return self.solver.func(terms, t0, y0, args.within(t0))
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: State, args: Scene, solver_state: Any,
         made_jump: Any,
     ) -> Any:  # fmt: skip
-        """One step, after the impulse if there is one."""
+        """One step of the solver within, after the impulse of a jump at t0."""
         if made_jump is not False and args.has_jumps:
-            # Steps also resume after what begins or ends smoothly, and where a controller says so.
+            # Steps also resume after smooth changes and where a controller says so, but only jumps
+            # have an impulse.
             after_impulse = made_jump & args.pauses.jumped(t0)
             y0 = jax.lax.cond(after_impulse, lambda: args.after_impulse(t0, y0), lambda: y0)
         return self.solver.step(terms, t0, t1, y0, args.within(t0, t1), solver_state, made_jump)

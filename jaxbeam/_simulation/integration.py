@@ -22,16 +22,17 @@ from jaxbeam._solvers.run import Run, RunInputs, Settings, conditions, integrate
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._types import Scalar
 
-# Controllers that never tell of a jump, which saves code; with others one may come at any step.
+# Controllers that never report a jump, which spares code; others may report one at any step.
 _NEVER_JUMP = (diffrax.PIDController, diffrax.ConstantStepSize, diffrax.StepTo)
 
-_SAVE_STATE = diffrax.SubSaveAt(t1=True).fn  # what diffrax has where no function is given
+_SAVE_STATE = diffrax.SubSaveAt(t1=True).fn  # the default function of diffrax's `SubSaveAt`
 
-EnergySamples = tuple[Array, State] | None  # times, infinite where a run did not get, and states
+# Times and states along a run; times are infinite beyond its end.
+EnergySamples = tuple[Array, State] | None
 
 
 class Calendar(NamedTuple):
-    """Outputs at `times` by the user's clock, of a run that counts time since an `origin`."""
+    """Output `times` by the user's clock, for a run that counts time since an `origin`."""
 
     times: Array
     origin: Scalar
@@ -42,7 +43,7 @@ class Calendar(NamedTuple):
         return self.times - self.origin
 
     def event(self, event: diffrax.Event | None) -> diffrax.Event | None:
-        """An event whose conditions ask by the user's clock."""
+        """An event whose conditions get times by the user's clock."""
         if event is None:
             return None
         found = jax.tree.map(
@@ -51,7 +52,7 @@ class Calendar(NamedTuple):
         return eqx.tree_at(lambda e: e.cond_fn, event, found, is_leaf=callable)
 
     def dated(self, solution: diffrax.Solution) -> diffrax.Solution:
-        """A solution by the time since the origin, by the user's clock."""
+        """A solution with times by the user's clock, from one with times since the origin."""
         t0, t1, ts = jax.tree.map(
             lambda t: self.origin + t, (solution.t0, solution.t1, solution.ts)
         )
@@ -64,8 +65,8 @@ class Calendar(NamedTuple):
         return out
 
     def saved(self, sub: diffrax.SubSaveAt, scene: Scene) -> diffrax.SubSaveAt:
-        """A `SubSaveAt` of diffrax with times since the origin, whose function asks by the
-        clock."""
+        """A `SubSaveAt` of diffrax with times since the origin, whose function gets times by the
+        user's clock."""
         if sub.fn is not _SAVE_STATE:
             sub = eqx.tree_at(lambda s: s.fn, sub, Partial(_by_clock, sub.fn, self.origin))
         if sub.ts is None:
@@ -74,7 +75,7 @@ class Calendar(NamedTuple):
         return eqx.tree_at(lambda s: s.ts, sub, times)
 
     def controller(self, given: Any) -> Any:
-        """A controller of diffrax that knows times, with these since the origin."""
+        """A controller of diffrax with its declared times, if any, counted since the origin."""
         if isinstance(given, diffrax.StepTo):
             return diffrax.StepTo(given.ts - self.origin)
         if not isinstance(given, diffrax.ClipStepSizeController):
@@ -90,7 +91,7 @@ class Calendar(NamedTuple):
 
 
 def _after_jumps(scene: Scene, times: Array, end: Scalar) -> Array:
-    """Times of outputs: at a jump, what comes after is asked for, if anything does."""
+    """Times of outputs: at a jump, unless the run ends there, a moment after it."""
     if not scene.has_jumps:
         return times
     own, end = without_derivatives((times, end))
@@ -98,7 +99,7 @@ def _after_jumps(scene: Scene, times: Array, end: Scalar) -> Array:
 
 
 def _by_clock(function: Any, origin: Scalar, t: Any, y: Any, args: Scene, **more: Any) -> Any:
-    """A user's function of time, state and scene, so long after the origin."""
+    """The result of a user's function of time, state and scene at a time since the origin."""
     for name in ("t0", "t1"):
         if name in more:
             more[name] = more[name] + origin
@@ -110,16 +111,16 @@ def integrate(
     controller: diffrax.AbstractStepSizeController, dt0: Any,
     event: diffrax.Event | None, max_steps: int | None, adjoint: diffrax.AbstractAdjoint | None,
 ) -> tuple[diffrax.Solution, EnergySamples]:  # fmt: skip
-    """Outputs at the times of a calendar (and at the end of the run, with an event), and states all
-    along the run by its own time; with the discrete adjoint, or if `adjoint` is `ForwardMode` with
-    derivatives in that mode."""
+    """Outputs at the times of a calendar (and with an event at the end of the run), and states
+    along the run for the balance of energy. Derivatives are by the discrete adjoint, or in forward
+    mode if `adjoint` is `ForwardMode`."""
     inner = getattr(controller, "controller", controller)
     settings = Settings(
         SecondOrderSystem.term(solver), solver, controller, dt0, event,
         is_far if event is None else None, max_steps,
         bool(scene.pauses.first.size) or not isinstance(inner, _NEVER_JUMP),
     )  # fmt: skip
-    # Outputs may miss where energies are large.
+    # States between outputs, too, since outputs may miss times at which energies are large.
     wanted = calendar.since
     watch = without_derivatives(during(wanted))
     start, every = wanted[0], jnp.sort(jnp.concatenate([wanted, watch]))
@@ -130,7 +131,7 @@ def integrate(
     n = y0.q.size
 
     def at(times: Array) -> tuple[Array, Array]:
-        # Counted in real numbers, which compiles in half the time.
+        # Counted with floats, which compiles in half the time.
         places = jnp.sum((every[None] < times[:, None]).astype(times.dtype), 1).astype(int)
         return jnp.where(places < came.reached, times, jnp.inf), came.outputs[places]
 
@@ -165,8 +166,8 @@ def integrate(
 
 
 def _prepared(scene: Scene, solver: diffrax.AbstractSolver) -> Scene:
-    """The scene as a solver wants it: Rosenbrock methods alone ask for no accelerations, others at
-    every stage."""
+    """The scene with what a solver needs: the inverse mass matrix for solvers other than Rosenbrock
+    methods, since these alone ask for no accelerations."""
     return scene if isinstance(solver, Rosenbrock) else scene.with_inverse()
 
 
@@ -180,7 +181,8 @@ def _end(
     step, (_, unravel) = came.last, ravel_pytree(inputs.y0)
 
     def ahead(t: Scalar, _: Any) -> Scalar:
-        """Zero at the event, or at the end of the last step if there is none."""
+        """The function whose root is the end: zero at the event, or at the end of the last step
+        without one."""
         found = step.t1 - t
         y = unravel(output(settings.solver, step, t))
         for which, condition in zip(came.happened, conditions(settings, inputs), strict=True):
@@ -189,8 +191,8 @@ def _end(
                 found = jnp.where(which, value, found)
         return found
 
-    # Between signs that differ Newton's method cannot leave the way: a step that ends beyond a peak
-    # has a slope that points away from where the limit was met.
+    # By the sign of the condition first: Newton's method stays within a bracket. A step that ends
+    # beyond a peak has a slope there that leads away from the event.
     def sign(t: Scalar) -> Array:
         return jnp.sign(without_derivatives(ahead(t, None)))
 
@@ -207,7 +209,7 @@ def _end(
 
 
 def is_far(scene: Scene, y: State) -> Array:
-    """Whether the tip is where no beam goes."""
+    """Whether the tip is displaced by more than any beam can be."""
     return jnp.linalg.norm(scene.equations.tip(y.q)) > 10 * scene.equations.length
 
 
@@ -217,14 +219,15 @@ def by_diffrax(
     event: diffrax.Event | None, max_steps: int | None, adjoint: diffrax.AbstractAdjoint | None,
     saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
 ) -> tuple[diffrax.Solution, EnergySamples]:  # fmt: skip
-    """A run by diffrax itself, with all that it knows: what is saved, progress, other adjoints."""
+    """A run by diffrax itself, for features that our own loop has not: other times saved, progress
+    meters, other adjoints."""
     scene, times = _prepared(scene, solver), calendar.since
     watched = not isinstance(adjoint, diffrax.BacksolveAdjoint)
     if saveat is None:
         saveat = diffrax.SaveAt(ts=calendar.times, t1=event is not None)
     saveat = _each(lambda sub: calendar.saved(sub, scene), saveat)
     if watched:
-        # See above.
+        # States between outputs, for the balance of energy.
         watch = diffrax.SubSaveAt(ts=during(times), fn=lambda t, y, args: without_derivatives(y))
         saveat = eqx.tree_at(lambda s: s.subs, saveat, (saveat.subs, watch))
         event = diffrax.Event(_runaway) if event is None else event
@@ -244,7 +247,7 @@ def by_diffrax(
 
 
 class _Dense(diffrax.AbstractPath):
-    """Dense output of a run that counts time since an origin, by the user's clock."""
+    """Dense output of a run by the user's clock, from that by the time since an origin."""
 
     interpolation: Any
     origin: Scalar
@@ -258,7 +261,7 @@ class _Dense(diffrax.AbstractPath):
         return self.interpolation.t1 + self.origin
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Any:
-        """The state at t0, or its change from t0 to t1."""
+        """The state at t0, or with t1 its change from t0 to t1."""
         if t1 is not None:
             t1 = t1 - self.origin
         return self.interpolation.evaluate(t0 - self.origin, t1, left)
@@ -269,12 +272,12 @@ class _Dense(diffrax.AbstractPath):
 
 
 def _runaway(t: Scalar, y: State, args: Scene, **_: Any) -> Array:
-    """The condition that ends a run where the tip is too far away: no batch waits for it."""
+    """The condition that ends a run whose tip is too far away, so that no batch waits for it."""
     return is_far(*without_derivatives((args, y)))
 
 
 def held_within(saveat: diffrax.SaveAt, times: Array) -> tuple[diffrax.SaveAt, Array]:
-    """The `saveat` with its times held within the run, and whether they were."""
+    """The `saveat` with its times clipped to the run, and whether they were within it."""
     within = jnp.asarray(True)
 
     def held(sub: diffrax.SubSaveAt) -> diffrax.SubSaveAt:

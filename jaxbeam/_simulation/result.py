@@ -106,8 +106,11 @@ class Simulation(AlongSpan):
         return _mapped(self, function, xi)
 
     def _outputs(self, fine: Array) -> tuple[Array, Array, State]:
-        """The mask of outputs that there is an answer for, given that the status is `fine`; times
-        and states.
+        """The mask of outputs that may be used, given that the status is `fine`, with times and
+        states, harmless ones in the place of others: NaN would come into gradients by parameters of
+        the scene.
+
+        Cases out of range ran with harmless numbers, and have no outputs that may be used.
 
         What is out of range ran with harmless numbers in place of its own, and never has an answer.
         Harmless ones take the place of outputs without an answer, too: NaN would end up in
@@ -125,7 +128,8 @@ class Simulation(AlongSpan):
 
 @Program
 def _mapped(run: Simulation, function: Any, xi: tuple[float, ...]) -> Any:
-    # A NaN of a case that failed would spoil the gradient by what its rotor shares with others.
+    # NaN of a case that failed would come into gradients by parameters of its rotor that other
+    # cases share.
     scene, rotor = run.scene, harmless(in_range(run.status), run.rotor)
     valid, times, state = run._outputs(trusted(run.status))
 
@@ -174,12 +178,12 @@ def _peak(run: Simulation, direction: int, xi: float) -> tuple[Scalar, Scalar]:
 
 
 def _extremes(u0: Scalar, v0: Scalar, u1: Scalar, v1: Scalar) -> tuple[Vector, Vector]:
-    """The places in [0, 1] at which a cubic of these values and slopes can be extreme, and its
-    values there."""
+    """The places in [0, 1] at which a cubic, with these values and slopes at both ends, may have an
+    extremum, and its values there."""
     rise = u1 - u0
     a, b = v0 + v1 - 2 * rise, 3 * rise - 2 * v0 - v1
-    # Roots of v0 + 2 b s + 3 a s^2, in the form that does not cancel. They carry no derivative:
-    # where an extremum is does not matter to the derivative of its value.
+    # Roots of v0 + 2 b s + 3 a s^2 in a form without cancellation. They have no derivatives: the
+    # value at an extremum does not change by moving its place.
     half = -b - jnp.copysign(jnp.sqrt(jnp.maximum(b**2 - 3 * a * v0, 0.0)), b)
     roots = half / jnp.where(a == 0, 1.0, 3 * a), v0 / jnp.where(half == 0, 1.0, half)
     s = jax.lax.stop_gradient(jnp.stack([jnp.zeros_like(a), jnp.ones_like(a), *roots]))

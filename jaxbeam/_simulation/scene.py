@@ -44,14 +44,16 @@ class Scene(SecondOrderSystem):
     """
 
     equations: Equations
-    span: SpanLoad | None  # a force along the span
-    inverse_mass: Matrix | BlockInverse | None  # for solvers that ask for accelerations
+    span: SpanLoad | None  # force along the span; None without one
+    # For solvers that need accelerations; None for others.
+    inverse_mass: Matrix | BlockInverse | None
     motion: Motion
     loads: Loads
     damping: Drag
-    pauses: Pauses  # at which steps end
-    between: tuple[Scalar, Scalar] | None  # within what times motion and loads are asked for, s
-    jumps: tuple[Times, Times]  # times at which the motion and loads may jump, in order
+    pauses: Pauses  # declared times at which steps end
+    # Earliest and latest time at which motion and loads are evaluated, s.
+    between: tuple[Scalar, Scalar] | None
+    jumps: tuple[Times, Times]  # times at which motion and loads may jump, increasing
 
     def __init__(
         self, model: AbstractModel, rotor: AnyRotor, motion: Motion, loads: Loads, damping: Damping,
@@ -155,8 +157,8 @@ class Scene(SecondOrderSystem):
         return scene
 
     def _within(self, t: Scalar) -> Scalar:
-        """The time t, or a moment earlier or later where a step ends or begins at something that
-        jumps."""
+        """The time t, or where a step ends or begins at a jump there, a moment before or after
+        it."""
         if self.between is None:
             return t
         own = jax.lax.stop_gradient(t)
@@ -219,7 +221,7 @@ class Scene(SecondOrderSystem):
         return self._moved(y, (new, *new_loads), -late)
 
     def _moved(self, y: State, x: Inputs, h: Scalar) -> State:
-        """The state y a moment h later under these inputs, to first order."""
+        """The state a time h after y under these inputs, to first order in h."""
         rate = self.kinematics(y.q, y.v), self._over_mass(self.force(x, y.q, y.v))
         return State(y.q + h * rate[0], y.v + h * rate[1], y.work)
 
@@ -282,7 +284,8 @@ class Scene(SecondOrderSystem):
         return out / self.work_unit
 
     def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Number:
-        """The rate dT/dv . v' + dT/domega . omega' at which the moving hub changes T."""
+        """The rate dT/dv . v' + dT/domega . omega' at which the motion of the hub changes the
+        kinetic energy T."""
         _, out = jax.jvp(
             lambda *velocities: self.equations.kinetic_energy(q, v, *velocities),
             (hub.velocity, hub.angular_velocity),
@@ -297,7 +300,7 @@ class Scene(SecondOrderSystem):
 
     def energies_in(self, hub: Hub, y: State) -> tuple[Number, Number, Number]:
         """Energies of a state where the hub moves like this."""
-        # Once with the beam moving in a hub at rest, once at rest in the hub that moves.
+        # For the beam moving in a hub at rest, and for the beam at rest in the moving hub.
         moving, carried = jax.vmap(
             lambda own: self.equations.kinetic_energy(
                 y.q, own * y.v, (1 - own) * hub.velocity, (1 - own) * hub.angular_velocity
@@ -358,7 +361,7 @@ class Scene(SecondOrderSystem):
         return force, couple
 
     def _span_action(self, span: SpanLoad, t: Scalar, q: Vector) -> tuple[Triple, Triple]:
-        """Force along the span in all, and its moment about the centre of the hub."""
+        """The resultant of the force along the span, and its moment about the centre of the hub."""
         equations, (xi, weight) = self.equations, span.integral.points
         pace = span.integral.pace(equations.length) * weight[:, None]
         force = pace * span.integral.acting(q, span.density(t))
@@ -367,9 +370,9 @@ class Scene(SecondOrderSystem):
 
 
 def _late(jumps: Times, before: Scalar, after: Scalar) -> Scalar:
-    """The number zero, with the derivative of the time between these at which something jumps, if
-    it does: of several, which only what happens between them could tell apart, the mean of first
-    and last. `jumps` are in order."""
+    """Zero, with the derivative of a time of a jump between `before` and `after`, if there is one
+    in `jumps` (increasing); of several, which steps cannot tell apart, the mean of first and
+    last."""
     if not jumps.size:
         return jnp.zeros_like(before)
     own = jax.lax.stop_gradient(jumps)

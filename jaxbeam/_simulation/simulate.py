@@ -157,12 +157,13 @@ def _simulate(
     given, (rotor, motion, loads, damping, seen) = scene_status(
         model, rotor, motion, loads, damping, times, during(times, SAMPLES)
     )
-    # Only bad times change: a `saveat` and a controller may hold others that go with them.
+    # Only bad output times are replaced: a `saveat` and a controller may hold others that go with
+    # good ones.
     times = jnp.where(increasing(times), times, np.linspace(0.0, 1.0, times.size))
     if saveat is not None:
         saveat, within = held_within(saveat, times)
         given = first_failure(given, first_broken((within, Status.INVALID_TIMES)))
-    if dt0 is not None:  # diffrax raises where it points backwards
+    if dt0 is not None:  # diffrax raises for a negative first step
         forward = jnp.isfinite(dt0) & (dt0 > 0)
         given = first_failure(given, first_broken((forward, Status.INVALID_TIMES)))
         dt0 = jnp.where(forward, dt0, times[-1] - times[0])
@@ -186,16 +187,16 @@ def _simulate(
 
 
 class _History(NamedTuple):
-    """A run as it was saved, not judged yet."""
+    """The outputs of a run before they are judged."""
 
     start: State
-    reached: Array  # of the times of outputs, (T,)
-    times: Array  # where they were reached
-    state: State  # NaN where they were not
+    reached: Array  # whether each output time was reached, (T,)
+    times: Array  # times of outputs, NaN where not reached
+    state: State  # states at outputs, NaN where not reached
     calendar: Calendar
-    scene: Scene  # by the time since the origin of the calendar
-    watch: EnergySamples  # states on the way, for the balance of energy
-    ended: Code  # what the solver says
+    scene: Scene  # the scene by the time since the origin of the calendar
+    watch: EnergySamples  # states along the run, for the balance of energy
+    ended: Code  # result code of the solver
     solution: diffrax.Solution
 
 
@@ -204,7 +205,7 @@ def adaptive(rtol: Any, atol: Any, times: Array) -> diffrax.PIDController:
     return diffrax.PIDController(
         rtol=rtol,
         atol=atol,
-        dtmin=1e-12 * (times[-1] - times[0]),  # where forces are NaN, do not go on for ever
+        dtmin=1e-12 * (times[-1] - times[0]),  # ends runs whose forces are NaN
         force_dtmin=False,
     )
 
@@ -213,11 +214,12 @@ def _integrated(
     now: Scene, y0: State, times: Array, seen: tuple[Seen, Scalar], how: tuple[Any, ...],
     saveat: diffrax.SaveAt | None, progress_meter: diffrax.AbstractProgressMeter | None,
 ) -> _History:  # fmt: skip
-    """A run by our own loop, or by diffrax where that is asked for more than ours can do."""
+    """A run by our own loop, or by diffrax where features are asked for that our loop has not."""
     solver, controller, dt0, event, max_steps, adjoint = how
     ours = isinstance(solver, SecondOrderSolver) and isinstance(adjoint, diffrax.ForwardMode | None)
-    backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)  # which bears none of what follows
-    # Time is counted from where the run begins: late times are rounded.
+    # This adjoint takes no wrapped solver, controller or event.
+    backsolved = isinstance(adjoint, diffrax.BacksolveAdjoint)
+    # Time is counted from the beginning of the run, since late times are rounded.
     calendar = Calendar(times, without_derivatives(times[0]))
     scene = now.since(calendar.origin)
     event, controller = calendar.event(event), calendar.controller(controller)
@@ -236,7 +238,7 @@ def _integrated(
         solution, watch = by_diffrax(*how, saveat, progress_meter)
     ended = _solver_status(solution.result, event is None and not backsolved)
     at, state = _saved(solution, times, y0.q.size)
-    if saveat is None:  # as they were given, without rounding on the way there and back
+    if saveat is None:  # the output times as given, not rounded by adding the origin again
         own = at[: times.size]
         rounding = 16 * jnp.finfo(times.dtype).eps * jnp.max(jnp.abs(times))
         at = at.at[: times.size].set(jnp.where(jnp.abs(own - times) <= rounding, times, own))
@@ -246,8 +248,8 @@ def _integrated(
 
 
 def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) -> Simulation:
-    """The result of a run: its status is that of what was `given`, else of the solver, else of the
-    numbers that it found."""
+    """The result of a run, with the first status that is not OK: of the arguments (`given`), of the
+    solver, or of the states it returned."""
     reached, at, state, t0 = run.reached, run.times, run.state, run.calendar.times[0]
     saved = at - run.calendar.origin, state
     imbalance, near, fits, followed = _account(
@@ -255,14 +257,14 @@ def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) ->
     )
     finite = finite_rows(jnp.concatenate([state.q, state.v, state.work[:, None]], 1))
     balanced = jnp.abs(imbalance) <= balance_tolerance
-    # At once, since each search of so many numbers is some programs of its own to compile.
+    # Together, since `jnp.all` of each one separately takes programs of its own to compile.
     finite, balanced = jnp.all(~reached[None] | jnp.stack([finite, balanced]), 1)
     numbers = first_broken(
         (finite, Status.NOT_FINITE), (near, Status.DIVERGED), (fits, Status.OUT_OF_RANGE),
         (balanced, Status.UNBALANCED), (followed, Status.TOO_FEW_FUNCTIONS),
     )  # fmt: skip
     status = first_failure(given, run.ended, numbers)
-    # What is out of range was not simulated, but something harmless in its place.
+    # A case out of range ran with harmless numbers, whose results are not used.
     simulated = in_range(given)
     end_time = jnp.max(jnp.where(reached, at, t0), initial=t0)
     at, imbalance = nan_unless(reached & simulated, (at, imbalance))
@@ -277,21 +279,21 @@ def _judged(given: Code, now: Scene, run: _History, balance_tolerance: float) ->
     )
 
 
-# Controllers that choose steps themselves. What diffrax has them begin with knows of no scene.
+# Controllers that choose the first step themselves. diffrax's way to do so does not know the scene.
 _CHOOSING = diffrax.PIDController | diffrax.ClipStepSizeController
 
 
 def _beside(mask: Array, values: Array) -> Array:
-    """A `mask` with axes of length one behind, so that it broadcasts over `values`."""
+    """A `mask` with axes of length one behind its own, so that it broadcasts over `values`."""
     return mask.reshape(-1, *(1,) * (values.ndim - 1))
 
 
 def _account(
     scene: Scene, y0: State, saved: tuple[Array, State], watch: EnergySamples
 ) -> tuple[Array, Array, Array, Array | bool]:
-    """Account of saved states: change of energy less work over the largest energy; and of these and
-    those between, whether no tip is too far away, no element beyond its range, and whether
-    functions follow, on average."""
+    """The energy residual of outputs, which is the change of energy less work over the largest
+    energy; and, of all states along the run, whether no tip is too far away, no element is beyond
+    its range, and whether functions are enough for the forces, on average."""
     start = jnp.zeros_like(saved[0], shape=1), jax.tree.map(lambda a: a[None], y0)
     parts = [saved, start] if watch is None else [saved, start, watch]
     times, states = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)
@@ -307,8 +309,8 @@ def _account(
         return balance, jnp.sum(jnp.abs(parts)), good, scene.equations.high_share(y.q)
 
     balance, size, good, share = jax.vmap(one)(jnp.where(reached, times, 0.0), states)
-    # Of motions as small as this (1e-60 lengths) parts are so close to the smallest number that
-    # what one piece of the program computes is zero in another.
+    # Energies of motions this small (1e-60 lengths) are near the smallest float, and may be zero in
+    # one part of the program and not in another.
     least = scene.equations.energy_scale * jnp.finfo(size.dtype).tiny ** 0.4
     n, largest = saved[0].size, jnp.maximum(jnp.max(size), least)
     near, fits = jnp.all(good, 0)
@@ -331,8 +333,8 @@ def _yardstick(
     equations, (hub, force, span) = scene.equations, seen
     (mass, first, second), radius = equations.rigid_moments, equations.tip_radius - equations.length
     spin, rate = hub.angular_velocity, hub.angular_velocity_rate
-    # Inertia of the undeformed beam across its axis, at the distance X from the centre of the hub:
-    # -(acceleration + X turn) per mass.
+    # Inertia force across the undeformed beam at the distance X from the centre of the hub, per
+    # mass: -(acceleration + X times these).
     spin_up_terms = [rate[:, 2] + spin[:, 0] * spin[:, 1], spin[:, 0] * spin[:, 2] - rate[:, 1]]
     across = jax.vmap(lambda hub: hub.acceleration)(hub)[:, 1:]
     moment = across * (first - radius * mass) + jnp.stack(spin_up_terms, 1) * (
@@ -345,7 +347,7 @@ def _yardstick(
     static = moment * rotor.compliance[None]
     moving = equations.kinematics(y0.q, y0.v)
     at, speed = jax.jvp(equations.tip, (y0.q,), (moving,))
-    # First mode of a uniform cantilever: 3.516 = 1.875^2, with cos(1.875) cosh(1.875) = -1.
+    # First frequency of a uniform cantilever: 3.516 = 1.875^2, with cos(1.875) cosh(1.875) = -1.
     frequency = 3.5 * jnp.sqrt(equations.energy_scale / mass) / equations.length
     parts = [static, at[None], speed[None] / frequency]
     if scene.has_jumps:
@@ -356,7 +358,8 @@ def _yardstick(
 
 
 def _blows(scene: Scene, start: Scalar) -> Float[Array, "k 4"]:
-    """Jumps of the hub's velocity across the beam at the tip, in m/s, in a run from its start."""
+    """Jumps of the hub's velocity at the tip, across the beam, in m/s, from the start of a run
+    on."""
     pauses = scene.pauses
     within = (pauses.first >= start - pauses.near) & (pauses.first < pauses.end)
     times = jnp.where(within, pauses.first, start)

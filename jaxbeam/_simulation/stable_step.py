@@ -21,9 +21,10 @@ from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar, is_concrete
 
-# rad a step. Explicit methods of s stages end before s - 1; implicit ones that last are let go.
+# Angles per step, in rad, that are searched. Explicit methods of s stages become unstable before s
+# - 1; methods that are stable up to 1e3 count as always stable.
 _ANGLES = np.geomspace(1e-3, 1e3, 2000)
-# They carry more from step to step than the state, or want a state in two parts.
+# Solvers that keep more than the state from step to step, or need it in two parts.
 _OTHERS = diffrax.LeapfrogMidpoint, diffrax.ReversibleHeun, diffrax.SemiImplicitEuler
 
 
@@ -79,7 +80,8 @@ def _checked(solver: Any) -> diffrax.AbstractSolver:
     if isinstance(solver, _OTHERS):
         raise TypeError(f"solver must be a one-step method, got {type(solver).__name__}")
     if isinstance(solver, diffrax.AbstractImplicitSolver):
-        # Theirs may take its tolerances from a step-size controller, and there is none here.
+        # The root finder of a solver may take its tolerances from a step-size controller; here is
+        # none.
         tight = diffrax.VeryChord(rtol=1e-12, atol=1e-12)
         solver = eqx.tree_at(lambda s: s.root_finder, solver, tight)
     return solver
@@ -87,7 +89,8 @@ def _checked(solver: Any) -> diffrax.AbstractSolver:
 
 @Program
 def _amplified(solver: diffrax.AbstractSolver, angle: Scalar, ratio: Scalar) -> Amplification:
-    fine = jnp.isfinite(angle) & jnp.isfinite(ratio)  # `positive` makes NaN of what is not
+    # `positive` returns NaN for numbers that are not.
+    fine = jnp.isfinite(angle) & jnp.isfinite(ratio)
     angle, ratio = harmless(fine, (angle, ratio))
     factor, done = _factor(solver, angle, ratio)
     status = first_broken(
@@ -112,7 +115,7 @@ def _factor(
         return jnp.concatenate([y1.q, y1.v]), result == diffrax.RESULTS.successful
 
     ((a, b), (c, d)), done = jax.vmap(step)(jnp.eye(2, dtype=angle.dtype))
-    # Eigenvalues are half +- sqrt(square): in this form nothing cancels.
+    # Eigenvalues half +- sqrt(square), in a form without cancellation.
     half, square = (a + d) / 2, ((a - d) / 2) ** 2 + b * c
     root = jnp.sqrt(jnp.abs(square))
     radius = jnp.where(square < 0, jnp.hypot(half, root), jnp.abs(half) + root)
@@ -179,11 +182,11 @@ def stable_step(
 
 @Program
 def _limit(solver: diffrax.AbstractSolver, rate: Scalar) -> Scalar:
-    """Smallest angle at which the logarithm of the amplification is more than `rate`."""
+    """The smallest angle per step at which the logarithm of the amplification exceeds `rate`."""
 
     def grows(angle: Scalar) -> Array:
         factor, done = _factor(solver, angle, jnp.zeros_like(angle))
-        return ~(done & (jnp.log(factor) <= rate))  # NaN counts as unstable
+        return ~(done & (jnp.log(factor) <= rate))  # false, that is unstable, for NaN
 
     def narrow(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
         angles, limited = state
@@ -194,5 +197,5 @@ def _limit(solver: diffrax.AbstractSolver, rate: Scalar) -> Scalar:
         return below + (angles[first] - below) * shares, limited & jnp.any(unstable)
 
     start = jnp.asarray(_ANGLES, rate.dtype), jnp.asarray(True)
-    angles, limited = jax.lax.fori_loop(0, 4, narrow, start)  # to 1e-12
+    angles, limited = jax.lax.fori_loop(0, 4, narrow, start)  # narrowed to 1e-12, relatively
     return jnp.where(limited, angles[-1], jnp.inf)

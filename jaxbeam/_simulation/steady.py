@@ -105,8 +105,8 @@ def _steady(model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Co
 @Program
 def _asked(steady: Steady, function: Callable[..., Any], xi: tuple[float, ...]) -> Any:
     fine = steady.status == Status.OK
-    q = jnp.where(fine, steady.q, 0.0)  # NaN would end up in gradients
-    # Not zeros that are known: of a program with these, XLA 0.10 for the CPU ends the process.
+    q = jnp.where(fine, steady.q, 0.0)  # NaN would come into gradients
+    # `0 * q`, not constant zeros, with which XLA 0.10 for CPUs crashes.
     state = State(q, 0 * q)
     rotor = harmless(in_range(steady.status), steady.rotor)
     now = Instant(steady.scene, rotor, jnp.zeros((), q.dtype), state, rests=True)

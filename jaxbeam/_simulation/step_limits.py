@@ -25,39 +25,43 @@ from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
 from jaxbeam._types import Matrix, Scalar
 
-SAMPLES = 1024  # of a run
-# A pulse as long as a stride reaches 1.4, two strides 0.5, three 0.3, a smooth course 0.12.
+SAMPLES = 1024  # number of intervals between samples of motion and loads in a run
+# Threshold of the change within a stride that error control might not see: a pulse as long as a
+# stride has 1.4, of two strides 0.5, of three 0.3, a smooth signal 0.12.
 _UNSEEN = 0.3
-# Where nothing moves errors are zero, however long a step is; but not those of derivatives. So
-# steps follow the first mode there, if that takes no more of them than there are samples.
+# Step, in tenths of a radian of the first mode, while the beam is at rest: errors of states are
+# then zero for any step, but those of derivatives are not. Not used where it needs more steps than
+# there are samples.
 _AT_REST = 2.5
-_LAST = 4  # steps before a stop that are of one length, by an adaptive controller
-_LONGER = 0.05  # of a step, by which all of these together may be longer than wanted
-_QUICK = 10.0  # the same for what is quicker than the first mode, by a radian of it
-_STILL = 1e-9  # displacements over the length that count for none
-_FLOOR = 1e-6  # changes that are smaller than this, relative to the largest value, do not count
-# Of a vector that stands for three components: no motion of interest is normal to it.
+_LAST = 4  # number of steps before a stop that an adaptive controller makes of equal length
+_LONGER = 0.05  # share of a step by which these together may be longer
+# Time, in tenths of a radian of the first mode, in which the beam hardly moves.
+_QUICK = 10.0
+_STILL = 1e-9  # displacements over the length below this count as zero
+_FLOOR = 1e-6  # changes, over the largest value, below this do not count
+# Direction along which three components are looked at as one signal: no motion of interest is
+# normal to it.
 _ASLANT = np.array([0.48, 0.6, 0.64])
 
 
 def during(times: Array, parts: int = 64) -> Array:
-    """Times all along a run, whatever its output times are, at which motion and loads are looked
-    at."""
+    """Times all along a run, independent of its output times, at which motion and loads are
+    sampled."""
     share = np.linspace(0.0, 1.0, parts + 1)
-    return times[0] * (1 - share) + times[-1] * share  # exact at both ends
+    return times[0] * (1 - share) + times[-1] * share  # without rounding at both ends
 
 
 class StepLimits(eqx.Module):
     """Limits of steps, and the largest speeds of the hub; without derivatives."""
 
-    rounding: Scalar  # of times by the clock of motion and loads, s
-    spacing: Scalar  # of the samples, s
-    longest_step: Float[Array, "64 3"]  # see `_longest_step`, s
-    pauses: Pauses  # at which steps end
-    at_rest: Scalar  # longest step where nothing has moved yet, s
-    quick: Scalar  # between declared times that are closer than this the beam hardly moves, s
-    velocities: Float[Array, " 6"]  # velocities at the start, after a jump there, m/s
-    speed: Scalar  # the largest velocity, m/s
+    rounding: Scalar  # rounding of times by the clock of motion and loads, s
+    spacing: Scalar  # spacing of the samples, s
+    longest_step: Float[Array, "64 3"]  # longest step in each cell, as of `_longest_step`
+    pauses: Pauses  # declared times at which steps end
+    at_rest: Scalar  # longest step while the beam is still at rest, s
+    quick: Scalar  # between declared times closer than this the beam hardly moves, s
+    velocities: Float[Array, " 6"]  # velocities of the hub at the start, after a jump there, m/s
+    speed: Scalar  # largest velocity of the hub, m/s
     measure: Matrix | None  # see `Equations.velocity_measure`
 
     def __init__(self, scene: Scene, times: Array, seen: Seen, moment: Scalar) -> None:
@@ -68,11 +72,11 @@ class StepLimits(eqx.Module):
         self.rounding = 8 * jnp.finfo(times.dtype).eps * jnp.max(jnp.abs(times))
         velocities, signals = jax.vmap(scene.velocities_of)(hub), _signals(hub, force, span)
         self.pauses, self.measure = scene.pauses, scene.equations.velocity_measure()
-        # At once, since each search of so many numbers is some programs of its own to compile.
+        # Together, since `jnp.max` of each one separately takes programs of its own to compile.
         sizes = jnp.stack([jnp.max(jnp.abs(velocities), 1), *jnp.abs(signals)])
         self.speed, *largest = jnp.max(sizes, 1)
         signals = signals / jnp.stack([jnp.where(top > 0, top, 1.0) for top in largest])[:, None]
-        # What changes by more than its rates explain may change back within one step.
+        # A velocity that changes by more than its rate explains may change back within one step.
         rates = jnp.max(jnp.abs(jax.vmap(scene.velocity_rates_of)(hub)), 1)
         explained = 2 * self.spacing * jnp.maximum(rates[1:], rates[:-1])
         explained = explained + _FLOOR * self.speed
@@ -84,7 +88,7 @@ class StepLimits(eqx.Module):
 
         found = velocities.T, signals
         if self.pauses.sided:
-            # What declared times explain, at which steps end, takes no shorter steps.
+            # Changes at declared times, at which steps end, need no shorter steps.
             both = (jnp.stack([a, _between(self.pauses, self.spacing, a)]) for a in found)
             own, between = jax.vmap(longest)(*both)
             self.longest_step = jnp.where(own[:, :1] >= between[:, :1], own, between)
@@ -100,15 +104,15 @@ class StepLimits(eqx.Module):
         return SAMPLES * self.spacing
 
     def resting(self, scene: Scene, y: State, t: Any, end: Any) -> Array:
-        """The time at which a step from t and the state y may end, as far as derivatives go, when
-        `end` is wanted."""
+        """The end of a step from t and the state y, `end` or earlier, so that derivatives are
+        accurate where nothing moves yet."""
         length, q, t, end = without_derivatives((scene.equations.length, y.q, t, end))
         still = jnp.max(jnp.abs(q)) <= _STILL * length
         return jnp.where(still, jnp.minimum(end, t + self.at_rest), end)
 
     def limit(self, t: Scalar, end: Scalar, adaptive: bool) -> Scalar:
-        """The time at which a step from t may end, when `end` is wanted, by a controller that is
-        `adaptive` and knows steps of any length."""
+        """The end of a step from t, `end` or earlier, so that no change of motion and loads is
+        missed. `adaptive` controllers choose steps of any length."""
         cell = (t / (16 * self.spacing)).astype(int)
         within, cell_end, beyond = self.longest_step[cell]
         end = jnp.minimum(end, jnp.minimum(t + within, cell_end + beyond))
@@ -116,7 +120,7 @@ class StepLimits(eqx.Module):
             return end
         stop = self.pauses.ahead(t)
         left, h = stop - t, end - t
-        # The last steps before a stop are of one length, rather than long ones and a splinter.
+        # Several equal steps lead up to a stop, in the place of long ones and a short remainder.
         parts = jnp.ceil(left / h - _LONGER)
         few = _LAST if adaptive else 2
         end = jnp.where(parts <= few, t + left / jnp.maximum(parts, 1.0), end)
@@ -124,8 +128,8 @@ class StepLimits(eqx.Module):
 
 
 def _between(pauses: Pauses, spacing: Scalar, signals: Float[Array, "c T"]) -> Float[Array, "c T"]:
-    """Signals less the straight line between the first and the last sample of those that lie
-    between the same declared times; zero at a declared time."""
+    """Signals less the straight line between the first and the last sample between the same two
+    declared times; zero at a declared time."""
     samples, near = np.arange(SAMPLES + 1), pauses.near + 1e-6 * spacing
 
     def passed(side: str, off: Scalar) -> Array:
@@ -139,16 +143,17 @@ def _between(pauses: Pauses, spacing: Scalar, signals: Float[Array, "c T"]) -> F
 
 
 def _signals(hub: Hub, force: Any, span: Array | None) -> Float[Array, "c k"]:
-    """Signals that forces depend on, one number each."""
+    """The signals that forces depend on, each one number at every sample."""
     parts = [jax.vmap(lambda hub: hub.acceleration)(hub), hub.angular_velocity]
-    parts += [hub.angular_velocity_rate, *jax.tree.leaves(force)]  # which may be a `TipLoad`
+    # The load at the tip may be a `TipLoad`.
+    parts += [hub.angular_velocity_rate, *jax.tree.leaves(force)]
     parts += [] if span is None else [span[:, row] for row in range(3)]
     return jnp.stack([_ASLANT @ part.T for part in parts])
 
 
 def _longest_step(signals: Float[Array, "c T"], sudden: Bool[Array, " 64"]) -> Float[Array, "64 3"]:
-    """Longest step within the cell of each sixteen samples, end of that cell, and how far a step
-    may go on beyond it, in samples.
+    """The longest step in each cell of sixteen samples, the end of the cell, and how far a step may
+    go beyond it, in samples.
 
     A cell is the whole run, an eighth of it, or an eighth of that, and a step within it a sixteenth
     of its length, the stride. It is divided where a signal rises and falls, or falls and rises,
@@ -161,19 +166,19 @@ def _longest_step(signals: Float[Array, "c T"], sudden: Bool[Array, " 64"]) -> F
     either = jnp.concatenate([signals, -signals])
 
     def highest(values: Array, n: int, apart: int) -> Array:
-        """The largest of each value and n - 1 values behind it, so far apart."""
+        """The largest of each value and of n - 1 values after it, at distances `apart`."""
         return jax.lax.reduce_window(
             values, -jnp.inf, jax.lax.max, (1, n), (1, 1), "VALID", window_dilation=(1, apart)
         )
 
     def unseen(s: int, of_these: Float[Array, "C n"], bend: Float[Array, " k"]) -> Array:
-        """Whether a change rises and falls unseen within parts of a stride s, each with its middle
-        there."""
+        """Whether a change within parts of a stride s, with their middles there, rises and falls so
+        that error control might not see it."""
         passed = of_these - highest(either, 2, s)
         passed = jax.lax.pad(passed, 0.0, [(0, 0, 0), (s // 2, s // 2 - 1, 0)])
         mean = jnp.pad(jnp.mean(bend.reshape(-1, s), 1)[1:-1], 2, mode="edge")
         around = (mean[:-2] + 2 * mean[1:-1] + mean[2:]) / 4
-        # Else a GPU computes it anew for every cell, number by number.
+        # Without the barrier a GPU computes this again for every cell.
         passed = jax.lax.optimization_barrier(jnp.max(passed, 0))
         return jnp.max(passed.reshape(-1, s), 1) > _UNSEEN * around + floor
 

@@ -49,15 +49,18 @@ from jaxbeam._stability.singular import (
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Scalar, Vector, is_concrete
 
-_HELD = 1e-13  # lowest eigenvalue, over the diagonal, of what is held at all
-# Loads that are looked at, over the softest stiffness of the tip times the length: up to twenty,
-# from where a section that hardly resists torsion buckles. That of Euler's column is 0.82. Where
-# the root yields they go on to as much of the stiffness that the beam has when it is clamped.
+# Least eigenvalue of K, scaled to ones on its diagonal, of a beam that counts as held.
+_HELD = 1e-13
+# Range of loads that are searched, and their number, over the softest stiffness of the tip times
+# the length: up to twenty, from where a section of little torsional stiffness buckles. Euler's
+# column has 0.82. Where the root yields they go on to as large a share of the stiffness of the
+# clamped beam.
 _LEAST, _LARGEST, _SCANNED = 1 / 60, 20.0, 48
 _RATIO = (_LARGEST / _LEAST) ** (1 / (_SCANNED - 1))
-_FURTHER, _MOST = 2.0, 1e3  # times what is expected, and, times that range, at most
-_MOST_YIELDING = 1e6  # of softness, over that with a clamped root, that is still looked beyond
-_NEAR = 1e-6  # of what halving finds to what is exact, relative
+# Factors by which a search goes beyond the expected load, and beyond its range at most.
+_FURTHER, _MOST = 2.0, 1e3
+_MOST_YIELDING = 1e6  # largest softness, over that with a clamped root, for which a search goes on
+_NEAR = 1e-6  # relative distance of what bisection finds from the exact root
 
 
 class CriticalLoad(InHertz, eqx.Module):
@@ -163,7 +166,7 @@ def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads
 
 
 class _CriticalLoadPlace(AbstractPlace):
-    """A critical load of loads that have a potential."""
+    """The singular stiffness at a critical load, for loads that have a potential."""
 
     x: Vector
     exists: Array
@@ -177,8 +180,8 @@ class _CriticalLoadPlace(AbstractPlace):
 
 
 def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix, Matrix, Code]:
-    """M and K about the equilibrium under so many times the loads, and the status of the search;
-    of linear models these are the same about any state."""
+    """The matrices M and K about the equilibrium under the loads times a factor, and the status of
+    the search for it; linear models have the same K about any state."""
     rotor, speed, loads = given
     conditions = Conditions(loads, NO_DAMPING)
     equations = equations_under(model, rotor, loads)
@@ -193,8 +196,8 @@ def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix
 
 
 class _Unloaded(NamedTuple):
-    """The beam without its loads, and the range of loads to be looked at: from the `first` on so
-    many `looks`, up to the `last`."""
+    """The beam without its loads, and the loads that are searched: from the `first` on, so many
+    `looks`, up to the `last`."""
 
     k: Matrix
     first: Scalar
@@ -223,8 +226,8 @@ class _Unloaded(NamedTuple):
         return cls(k0, _LEAST * unit, last, looks + 1)
 
     def held(self, rotor: AnyRotor, status: Code) -> Code:
-        """The status of a search, if the unloaded beam is held at all: on a free hinge at rest it
-        buckles at once or never, as the load would have it, and at some speed it tears."""
+        """The status of a search, which fails if the unloaded beam is not held: on a free hinge at
+        rest it buckles at once or never, and at some speed a rod tears."""
         nowhere = Status.NOT_HELD if is_hinged(rotor) else Status.NO_EQUILIBRIUM
         size = jnp.sqrt(jnp.abs(jnp.diag(self.k)))
         size = jnp.where(size > 0, size, 1.0)
@@ -234,8 +237,8 @@ class _Unloaded(NamedTuple):
 
 
 def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scalar]:
-    """The factor of loads that bend the tip by about a length, by the stiffness k without them; and
-    how often that goes into what it would be with a clamped root."""
+    """The factor of loads that deflect the tip by about a length, from the stiffness k without
+    them; and the ratio to it of that with a clamped root."""
     rotor, speed, loads = given
     equations = model.equations(rotor)
     ways = model.displacement(np.ones(1), rotor)[:, 0]
@@ -244,7 +247,7 @@ def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scala
     clamped = _softness(model, rotor, softness)
     yields = jnp.clip(softness / clamped, 1.0, _MOST_YIELDING)
     if isinstance(rotor, Rotor) and rotor.tip_support is not None:
-        softness = jnp.maximum(softness, clamped)  # the tip need not move where a beam buckles
+        softness = jnp.maximum(softness, clamped)  # buckling need not move the tip
     span = loads.span_moments(jnp.zeros_like(speed), equations.length)
     parts: Any = (
         (loads.tip_force, 1.0),
@@ -258,7 +261,7 @@ def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scala
 
 def _softness(model: AbstractModel, rotor: AnyRotor, own: Scalar) -> Scalar:
     """The largest softness of the tip with a clamped root and without rotation, L^3 / (3 EI) of the
-    `mean` beam, where the root yields or the tip is held; else its `own`."""
+    `mean` beam, where the root yields or the tip is held; else its softness `own`."""
     if not isinstance(rotor, Rotor):
         return own
     supports = rotor.root_support, rotor.tip_support, *rotor.springs
@@ -269,14 +272,14 @@ def _softness(model: AbstractModel, rotor: AnyRotor, own: Scalar) -> Scalar:
 
 
 def _diagonal(k0: Matrix, k: Matrix) -> Matrix:
-    """The diagonal of K itself, where it is positive. Where loads move a beam far from where it is
-    without them, K_0 is axially stiff in what bends: the sign would be that of rounding."""
+    """The diagonal of K where that is positive, as a scale of its eigenvalues. That of K_0 is none
+    where loads move a beam far: K_0 may be axially stiff in a direction of bending."""
     own = jnp.diag(k)
     return jnp.diag(jnp.where(own > 0, own, jnp.diag(k0)))
 
 
 def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
-    """Critical factor, direction and place where loads have a potential, and a status."""
+    """The critical factor, direction and place for loads that have a potential, and a status."""
     if model.equations(given[0]).is_linear:
         return _affine(model, given)
     bare = _Unloaded.of(model, given)
@@ -287,8 +290,8 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
         Looks(bare.first, _RATIO, bare.last, bare.looks),
     )  # fmt: skip
     end = scan.run(0, jnp.ones_like(k0[0]))
-    # What only pulls never makes a beam give way, if its elements, which follow a step of the
-    # tension by functions without one, may be in compression beside it.
+    # Loads that are tension everywhere never buckle a beam, unless its smooth functions have
+    # compression beside a step of tension.
     pulls = only_pull(given[2], model.equations(given[0]).length)
     if isinstance(given[0], Rotor) and given[0].tip_support is not None:
         pulls = jnp.asarray(False)  # its tip may be pushed against
@@ -306,8 +309,8 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
 
 
 def _affine(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
-    """`_buckling` of linear models: loads along the beam alone change the stiffness, and by so much
-    for each unit of them."""
+    """The results of `_buckling` for linear models, whose stiffness only loads along the beam
+    change, in proportion."""
     speed, loads = given[1:]
     zero, one = jnp.zeros_like(speed), jnp.ones_like(speed)
     k0, k1 = jax.jvp(lambda factor: _loaded(model, given, factor)[1], (zero,), (one,))
@@ -323,7 +326,7 @@ def _affine(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstract
 
 
 def _lost(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, AbstractPlace, Code]:
-    """The critical load, direction, place and status where loads have no potential."""
+    """The critical load, direction, place and status for loads without a potential."""
     bare = _Unloaded.of(model, given)
     end = first_lost(
         lambda factor: _loaded(model, given, factor), len(bare.k), bare.first, _RATIO, bare.looks,

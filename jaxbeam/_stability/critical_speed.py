@@ -52,11 +52,12 @@ from jaxbeam._stability.singular import (
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Number, Scalar, Vector
 
-_WEAK_SPRING = 1e-10  # EI / L, of a spring beside which a hinge is free
-_ROUGH = 1e-11  # EA L, more than rounding does near tearing to the stiffness of a hinge
-_HARD = 0.1  # of its stiffness at rest, that of a rod which does not tear
-_FINER = 4.0  # times the speed of which functions have to follow layers, where bending gives way
-_SCANNED = 64  # speeds at which a model that is not affine is looked at
+_WEAK_SPRING = 1e-10  # stiffness, over EI / L, of springs that stand for free hinges
+_ROUGH = 1e-11  # stiffness, over EA L, above rounding of the stiffness of a hinge near tearing
+_HARD = 0.1  # share of its axial stiffness at rest that a rod which does not tear keeps
+_FINER = 4.0  # factor of the speed for which functions have to be enough where bending gives way
+# Number of speeds searched for models whose stiffness is not affine in the square of the speed.
+_SCANNED = 64
 
 
 class CriticalSpeed(eqx.Module):
@@ -128,7 +129,7 @@ _Given = tuple[AnyRotor, Conditions | None]
 def _critical(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar, conditions: Conditions | None
 ) -> CriticalSpeed:
-    one = jnp.ones_like(zero)  # what turns in the hub does so at any speed, though not at rest
+    one = jnp.ones_like(zero)  # a load that turns in the hub does so at any speed but zero
     at_speed = jnp.asarray(0) if conditions is None else conditions.status(model, rotor, one)
     given, rotor, _, conditions = guarded_conditions(model, rotor, zero, conditions)
     fixed = without_derivatives((rotor, zero))
@@ -151,12 +152,13 @@ def _critical(
 
 
 def _resolved(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Bool[Array, ""]:
-    """Whether a model's own number of functions tells that bending gives way at this speed, or not
-    below it.
+    """Whether a model's own number of functions is enough to say that bending gives way at this
+    speed, or not below it.
 
-    What points outwards never gives way. Before the axis, or in a cone, it may at any speed, where
-    tension nearly holds it: the little that is left is known a hundred times worse than a
-    frequency, so that functions have to follow layers four times as thin.
+    A beam that points outwards never gives way by bending. One inside the axis (a negative hub
+    radius) or in a cone may, where tension nearly cancels its stiffness: the remainder has a
+    relative error a hundred times that of a frequency, so that functions have to be enough for
+    boundary layers four times as thin.
     """
     if not isinstance(rotor, Rotor) or Direction.IN_PLANE not in model.directions:
         return jnp.ones((), bool)
@@ -189,8 +191,8 @@ class _CriticalSpeedPlace(AbstractPlace):
 
 
 def _undeformed(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Matrix:
-    """K of the beam kept as it is at rest; its axial block is that of a rod of constant stiffness,
-    wherever it is."""
+    """The stiffness K of the beam in its shape at rest; its axial block is that of a rod of
+    constant axial stiffness."""
     equations = model.equations(rotor)
     return symmetric_part(equations.matrices_about(spinning(speed), equations.rest)[2])
 
@@ -198,7 +200,7 @@ def _undeformed(model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Matrix:
 def _search(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar
 ) -> tuple[Scalar, Code, Vector, Code]:
-    """Critical speed, the direction and the shape that give way, and a status."""
+    """The critical speed, the direction and the shape that give way, and a status."""
     groups, free = groups_of(model, rotor), rotor
     weak = _weak_spring(rotor, is_affine(model, rotor))
     rotor = _with_weak_springs(rotor, weak)
@@ -223,8 +225,8 @@ def _search(
     looks = Looks(bottom, ratio, top, _SCANNED)
     scan = Scan(at, groups, lambda _: k0, looks, rotor is not free)
     end = scan.run(tears, shape[tears])
-    # A thousandth below the speed of tearing a constant axial stiffness has left 0.002 of itself;
-    # one that hardens has more than it began with.
+    # At 0.999 of the speed of tearing a constant axial stiffness has 0.002 of its value at rest;
+    # one that hardens has more than at rest.
     hardens = end.kept.values[tears] > _HARD
     torn = jnp.where(hardens, jnp.inf, speed[tears])
     speed = jnp.where(end.found, end.value, torn)
@@ -252,7 +254,7 @@ def _search_under(
     def at(speed: Scalar) -> tuple[Matrix, Code]:
         system = conditions.system(model, rotor, speed)
         k = symmetric_part(system.stiffness)
-        # A pull stretches a rod that is about to tear by any number of lengths, but none at rest.
+        # A tension stretches a rod that is about to tear by any number of lengths, but not at rest.
         far = (system.status == Status.DIVERGED) & (speed > 0) & jnp.all(jnp.isfinite(k))
         return k, jnp.where(far, Status.OK, system.status)
 
@@ -279,8 +281,8 @@ def _search_under(
 
 
 def _bottom(rotor: AnyRotor, speed: Float[Array, " f"]) -> Scalar:
-    """The first speed to look at: half the first rest frequency; of a beam that is pushed towards
-    its root no more than what its whole push would buckle, were it at the tip (Euler)."""
+    """The first speed of the search: half the first frequency at rest; for a beam in compression
+    less, so that the same compression at the tip would not buckle it (Euler)."""
     bottom = jnp.min(speed) / 2
     if not isinstance(rotor, Rotor):
         return bottom
@@ -294,15 +296,14 @@ def _bottom(rotor: AnyRotor, speed: Float[Array, " f"]) -> Scalar:
 
 
 def _sound(speed: Float[Array, "*f"]) -> Code:
-    """The status of speeds: OK for numbers and for infinity, which means that there is none; not
-    for NaN, which overflowed."""
+    """The status of a critical speed: OK for numbers and for infinity, which means that there is
+    none, but not for NaN, from overflow."""
     return first_broken((jnp.all(~jnp.isnan(speed)), Status.NOT_FINITE))
 
 
 def _weak_spring(rotor: AnyRotor, is_affine: bool) -> Number | float:
-    """The stiffness of a spring, over EI / L, beside which a hinge is free. It holds more than
-    rounding drives out: with tension the stiffness of elements is a difference of larger
-    numbers."""
+    """The stiffness, over EI / L, of springs that stand for free hinges. It is above rounding: with
+    tension the stiffness of elements is a difference of larger numbers."""
     if is_affine or not isinstance(rotor, Rotor):
         return _WEAK_SPRING
     beam = rotor.beam.mean
@@ -324,9 +325,8 @@ def _without_weak_springs(
     speed: Float[Array, " f"], shape: Float[Array, "f n"], k0: Matrix, free: Matrix,
     rotor: AnyRotor, weak: Number | float,
 ) -> Float[Array, " f"]:  # fmt: skip
-    """The speeds without the weak springs: what swings on nothing else gives way at once, or, where
-    that takes far more than such a spring would bear, is neither held nor driven out at any
-    speed."""
+    """The critical speeds without the weak springs. Motion held by these alone gives way at once,
+    or, if it takes a much higher speed than such a spring would, at none."""
 
     def energy(k: Matrix) -> Float[Array, " f"]:
         return jnp.sum(shape * (shape @ k), 1)
@@ -339,15 +339,15 @@ def _without_weak_springs(
 def _alone(
     model: AbstractModel, rotor: AnyRotor, zero: Scalar, groups: Groups
 ) -> tuple[Matrix, Float[Array, " f"], Float[Array, "f n"]]:
-    """K at rest, and the speed and the shape with which each group alone would give way, were the
-    beam kept as it is at rest."""
+    """The stiffness K at rest, and for each group the speed and the shape with which it would give
+    way if the beam kept its shape at rest."""
     k0, k1 = _with_speed(model, rotor, zero)
     squares, shapes = zip(*(gives_way(rows, k1, k0) for rows in groups.rows), strict=True)
     return k0, jnp.sqrt(jnp.stack(squares)), jnp.stack(shapes)
 
 
 def _with_speed(model: AbstractModel, rotor: AnyRotor, zero: Scalar) -> tuple[Matrix, Matrix]:
-    """The matrices K_0 and K_1 of K = K_0 + Omega^2 K_1, the beam kept as it is at rest."""
+    """The matrices K_0 and K_1 of K = K_0 + Omega^2 K_1, for the beam in its shape at rest."""
     one = jnp.ones_like(zero)
 
     def with_rate(speed: Scalar) -> tuple[Matrix, Matrix]:

@@ -51,7 +51,8 @@ from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
 _NODES = (1 + np.polynomial.legendre.leggauss(3)[0]) / 2
-_SQUARINGS = 12  # steps of up to 160 periods of the fastest mode, which are too long anyhow
+# Squarings for steps of up to 160 periods of the fastest mode, longer than is accurate.
+_SQUARINGS = 12
 
 
 class Floquet(eqx.Module):
@@ -133,7 +134,7 @@ def _checked(
 
 
 def refuse_cone(rotor: AnyRotor) -> None:
-    """Raise `ValueError` for a coned beam, which a speed that varies bends to and fro."""
+    """Raise `ValueError` for a coned beam, whose steady state changes with a speed that varies."""
     if isinstance(rotor, Rotor) and rotor.precone is not None:
         raise ValueError("precone: small motion about a modulated speed is of beams without a cone")
 
@@ -181,8 +182,8 @@ def _floquet(
 def _estimated(
     group: "Reduced", steps: int
 ) -> tuple[Complex[Array, " m"], Vector, Array, tuple[Array, Array]]:
-    """The multipliers, what the steps do to them, whether these are short enough, and the shapes of
-    the lowest mode and of what grows, if that does, else of the former again."""
+    """The multipliers, their errors by the number of steps, whether steps are short enough, and
+    shapes of the lowest mode and of the growing one (the lowest again if none grows)."""
     found = group.monodromy(steps, half(steps))
     assert found.by_fewer is not None
     product = jnp.where(found.sound, found.matrix, jnp.eye(len(found.matrix)))
@@ -190,10 +191,12 @@ def _estimated(
     adjoint = y.conj()
     other = jnp.sum(adjoint * (found.by_fewer @ x), 0) / jnp.sum(adjoint * x, 0)
     move = jnp.abs(mu - other) * left_by(steps)
-    # Where two multipliers meet the first order knows no bound: they move as roots of a quadratic.
+    # Errors of two multipliers that meet are not of first order: they change as roots of a
+    # quadratic.
     apart = jnp.min(jnp.abs(mu[:, None] - mu[None]) + jnp.diag(jnp.full(mu.size, jnp.inf)), 1)
     error = 2 * move / (1 + jnp.sqrt(1 + 4 * move / (apart + 1e-300)))
-    # What turns a multiplier on its circle alone, that of a fast mode, say, makes nothing unstable.
+    # An error that only turns a multiplier on its circle, such as that of a fast mode, does not
+    # make the motion unstable.
     size = jnp.abs(mu)
     outwards = jnp.minimum(jnp.abs(size - jnp.abs(other)) * left_by(steps), error)
     short = found.sound & jnp.all(outwards <= 1e-2 * jnp.maximum(size, 1.0))  # False for NaN
@@ -212,16 +215,16 @@ def half(steps: int) -> int:
 
 
 def left_by(steps: int) -> float:
-    """The error of this number of steps, as a share of the difference from half as many (order
-    6)."""
+    """The error of a method of order 6 with so many steps, over the difference to the result with
+    half as many."""
     return 1 / ((steps / half(steps)) ** 6 - 1)
 
 
 def modulation_status(
     model: AbstractModel, rotor: AnyRotor, motion: Spin, period: Scalar, damping: Damping
 ) -> Code:
-    """The first of rotor, motion and damping that is out of range, or too much for a model's own
-    number of functions."""
+    """The status of rotor, motion and damping, and of the model's number of functions for the
+    motion."""
     t = period * jnp.linspace(0.0, 1.0, 8)
     now, later = (jax.vmap(motion.angular_speed)(at) for at in (t, t + period))
     scale = jnp.max(jnp.abs(now))
@@ -253,7 +256,7 @@ class Reduced(NamedTuple):
 
     @property
     def rows(self) -> np.ndarray:
-        """Indices of the coordinates that are looked at."""
+        """Indices of the coordinates of this coupling group."""
         return np.flatnonzero([f in self.directions for f in self.model.directions])
 
     def matrices(self, speed: Scalar) -> tuple[Matrix, Matrix, Matrix, Matrix, Code]:
@@ -298,13 +301,14 @@ class Reduced(NamedTuple):
         return phi, jnp.maximum(w2, slow) ** 0.25
 
     def monodromy(self, steps: int, fewer: int | None = None) -> "Monodromy":
-        """The matrices that take (x, y) through the period by so many steps, and by fewer."""
+        """The matrices that take (x, y) through a period, by `steps` steps and by `fewer`."""
         phi, root = self.coordinates
         n = root.size
 
         def rate(t: Scalar) -> Matrix:
             m, g, k, d, _ = self.matrices(self.speed(t))
-            m, g, k, d = (phi.T @ a @ phi for a in (m, g, k, d))  # m is one, but has derivatives
+            # M is the unit matrix, but with derivatives.
+            m, g, k, d = (phi.T @ a @ phi for a in (m, g, k, d))
             light = inverse(m)
             rotation = light @ (g / 2)
             press = g / 2 + d
@@ -325,7 +329,7 @@ class Reduced(NamedTuple):
             second = -_commutator(one, 2 * three + first) / 60
             both = _commutator(-20 * one - three + first, two + second) / 240
             size = jax.lax.stop_gradient(jnp.max(jnp.abs(both)))
-            # What is too long for its order may be too long for any number as well.
+            # Steps too long for the order of the method may overflow.
             exponent = jnp.where(size < longest, one + three / 12 + both, 0.0)
             return (done, exponential(exponent, _SQUARINGS) @ product), size
 
@@ -343,8 +347,8 @@ class Reduced(NamedTuple):
 
 
 class Monodromy(NamedTuple):
-    """The matrix over a period; the largest part of an exponent that is of third order, of which
-    one and more says that the steps are too long; the coordinates; and the matrix by fewer
+    """The monodromy matrix over a period; the size of the terms of third order of the exponents,
+    which for one or more says that steps are too long; the coordinates; and the matrix by fewer
     steps."""
 
     matrix: Float[Array, "m m"]

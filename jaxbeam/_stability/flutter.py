@@ -24,19 +24,20 @@ from jaxbeam._stability.singular import AbstractPlace
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
-_MEETS = 1e-5  # imaginary part of 1 / mu, over its size, from which two have met
+# Imaginary part of 1 / mu, over its size, from which on two modes count as having met.
+_MEETS = 1e-5
 _CLOSE = 2.0**-31
 _NEWTON_STEPS = 5
-_SECANTS = 5  # which begin so far apart, relative
+_SECANTS = 5  # relative distance of the two first loads of the secants
 _APART = 1e-5
 
-# Mass and stiffness by what is given and the factor of the loads.
+# A function of the case and the factor of loads that returns mass and stiffness.
 Matrices = Callable[[Any, Scalar], tuple[Matrix, Matrix]]
 
 
 class Weakest(NamedTuple):
-    """The mode that is lost first, if one is: whether that is so and whether it flutters (1 or 0),
-    mu, and right and left eigenvectors, real where one mode alone is lost."""
+    """The mode that is lost first, if one is: whether one is and whether it flutters (1 or 0), mu,
+    and its right and left eigenvectors, real unless two modes meet."""
 
     lost: Array
     flutters: Array
@@ -47,7 +48,7 @@ class Weakest(NamedTuple):
 
 @one_by_one
 def weakest(m: Matrix, k: Matrix) -> Weakest:
-    """The weakest mode of K x = mu M x, by 1 / mu, of which the largest are found best."""
+    """The weakest mode of K x = mu M x, by 1 / mu, of which the largest are the most accurate."""
     scale = 1 / jnp.sqrt(jnp.diag(m))
     unit = scale[:, None] * scale[None]
     m, k = m * unit, k * unit
@@ -55,7 +56,7 @@ def weakest(m: Matrix, k: Matrix) -> Weakest:
     flutters = jnp.abs(nu.imag) > _MEETS * jnp.abs(nu)
     lost = flutters | ~(nu.real > 0)
     first = jnp.argmax(jnp.where(lost, 1.0, 1e-9) * jnp.abs(nu))
-    # y^H K^-1 M = nu y^H: the left one of the problem is K^-H y.
+    # With y^H K^-1 M = nu y^H the left eigenvector of K x = mu M x is K^-H y.
     x, y = right[:, first], jnp.linalg.solve(k.T + 0j, left[:, first])
     return Weakest(
         lost[first].astype(int), flutters[first].astype(int), (1 / nu[first]).real,
@@ -64,7 +65,7 @@ def weakest(m: Matrix, k: Matrix) -> Weakest:
 
 
 def _largest_part(x: Array) -> Vector:
-    """The real part, turned to where its largest entry is real."""
+    """The real part of a complex vector in the phase in which its largest entry is real."""
     most = x[jnp.argmax(jnp.abs(x))]
     out: Array = (x * most.conj() / jnp.abs(most)).real
     return out
@@ -122,8 +123,7 @@ def first_lost(
     many: Array,
 ) -> Bracket:  # fmt: skip
     """The least load, from `bottom` on and each `ratio` times the last, under which a mode is lost,
-    by halving: kept are the weakest mode of the least load that is known to be too large, and a
-    status."""
+    by bisection; with the weakest mode at the least load found too large, and a status."""
 
     def look(here: Bracket) -> tuple[Scalar, tuple[Weakest, Code], Array]:
         m, k, status = loaded(here.value)
@@ -141,13 +141,13 @@ def first_lost(
 
 
 def polished(place: LostPlace, given: Any, value: Scalar) -> Scalar:
-    """The load to rounding, by secants of h."""
+    """The load to rounding, by secants of the function h of `LostPlace.bordered`."""
 
     def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
         old, old_h, new = state
         h = place.bordered(given, new)
         change = jnp.where(h == old_h, 0.0, h * (new - old) / jnp.where(h == old_h, 1.0, h - old_h))
-        # What is farther than the last one was comes from rounding: there it has ended.
+        # A change larger than the last one comes from rounding: then the iteration has ended.
         return new, h, new - jnp.where(jnp.abs(change) < jnp.abs(new - old), change, 0.0)
 
     near = value * (1 - _APART)

@@ -19,7 +19,8 @@ from jaxbeam._rotor.directions import Direction, naming
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
-_NEAR = 1e-6  # of two secants, relatively: the later one is then right to rounding, or nearly
+# Relative distance of two secants from which on the later one is right to rounding, or nearly.
+_NEAR = 1e-6
 
 
 class AbstractPlace(eqx.Module):
@@ -44,11 +45,11 @@ class AbstractPlace(eqx.Module):
     def bordered(self, given: Any, value: Scalar) -> Scalar:
         """The function f of the bordered system."""
         x = self.x
-        # Coordinates in which K has ones on its diagonal at first, so that the border fits.
+        # K is scaled to ones on its diagonal without loads, so that the border fits.
         own = jnp.diag(jax.lax.stop_gradient(self.rest(given)))
         scale = jnp.where(own > 0, own, 1.0) ** -0.5  # a free hinge has none
         border = x / scale / jnp.linalg.norm(x / scale)
-        # In a case without such a place any regular problem will do.
+        # In a case without a singular stiffness any regular problem will do.
         k = scale[:, None] * self.stiffness(given, value) * scale[None]
         k = jnp.where(self.exists, k, jnp.eye(x.size))
         system = jnp.block([[k, border[:, None]], [border[None], jnp.zeros((1, 1))]])
@@ -66,7 +67,7 @@ def root(place: AbstractPlace, given: Any, value: Scalar) -> Scalar:
 @root.def_jvp
 def _root_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Scalar, Scalar]:
     place, given, value = primals
-    # Through the function itself: then this rule can be differentiated again.
+    # The function itself is called here, so that this rule can be differentiated again.
     value = root(*primals)
     _, change = jax.linearize(place.bordered, given, value)
     still = jax.tree.map(jnp.zeros_like, given)
@@ -89,8 +90,8 @@ def answer(place: AbstractPlace, given: Any, value: Scalar, status: Code) -> tup
 
 
 class Softest(NamedTuple):
-    """The result of a look at K: the group with the lowest eigenvalue, its direction and shape, and
-    the lowest eigenvalue of each group."""
+    """The result of an evaluation of K: the group with the lowest eigenvalue, its direction and
+    shape, and the lowest eigenvalue of each group."""
 
     direction: Code
     x: Vector
@@ -103,13 +104,13 @@ class Scan(NamedTuple):
 
     at: Callable[[Scalar], tuple[Matrix, Code]]  # K at a value of the parameter, and a status
     groups: "Groups"
-    measure: Callable[[Matrix], Matrix]  # from K to what its eigenvalues are measured by
+    measure: Callable[[Matrix], Matrix]  # the matrix by which eigenvalues of K are measured, from K
     looks: Looks
-    hinged: bool = False  # whether there may be motions that nothing holds, but for rounding
+    hinged: bool = False  # whether some motions may have no stiffness but rounding
 
     def run(self, first: int, x: Vector) -> Bracket:
-        """The search, which keeps a `Softest`; until something is found that is of the group
-        `first`, with the shape given."""
+        """The search; it keeps a `Softest`, at first one of the group `first` with the shape
+        given."""
         start = Softest(
             self.groups.codes[first], x, jnp.ones(len(self.groups.rows), x.dtype),
             jnp.asarray(int(Status.OK)),
@@ -131,14 +132,14 @@ class Scan(NamedTuple):
             rough = jnp.sum(size * (size @ jnp.abs(stiffness)), 1) / jnp.sum(x * (x @ by), 1)
             values = values + eps * rough
         low = jnp.argmin(values)
-        # Where K is singular but for rounding no equilibrium is found: it is the value sought.
+        # Where K is singular to rounding no equilibrium is found: that is the value sought.
         near = jnp.abs(here.value - here.last) < _NEAR * here.value
         there = here.found & near & (status == Status.NOT_CONVERGED)
         return jnp.min(values), Softest(self.groups.codes[low], x[low], values, status), there
 
 
 class Groups(NamedTuple):
-    """Coordinates that lose their stability together, under the name of one of their directions."""
+    """Coordinates that lose their stability together, named by one of their directions."""
 
     directions: tuple[Direction, ...]
     rows: tuple[np.ndarray, ...]
@@ -149,8 +150,8 @@ class Groups(NamedTuple):
 
 
 def groups_of(model: AbstractModel, rotor: AnyRotor) -> Groups:
-    """Groups in the order of directions; where axial motion is not a group of its own it comes
-    again as such, at the end, since that is how a rod tears."""
+    """Groups in the order of directions. Where axial motion is coupled with others it is also a
+    group of its own, at the end, since a rod tears by it."""
     found = {}
     for group in model.coupling(rotor):
         for directions in dict.fromkeys(group):
@@ -165,14 +166,15 @@ def groups_of(model: AbstractModel, rotor: AnyRotor) -> Groups:
 
 
 def softest(rows: np.ndarray, k: Matrix, k0: Matrix) -> tuple[Scalar, Vector]:
-    """The lowest eigenvalue of K x = value K_0 x in some coordinates, and x among all."""
+    """The lowest eigenvalue of K x = value K_0 x in coordinates `rows`, and x in all
+    coordinates."""
     least, x = lowest_eigenpair(k[np.ix_(rows, rows)], k0[np.ix_(rows, rows)])
     return least, x @ np.eye(len(k))[rows]
 
 
 def direction_of_energy(directions: tuple[Direction, ...], k: Matrix, x: Vector) -> Code:
-    """The direction whose coordinates take most of the elastic energy of a shape x, by the
-    stiffness K of what is not loaded."""
+    """The direction whose coordinates have most of the elastic energy of a shape x, by the
+    stiffness K without loads."""
     energy = x * (k @ x)
     shares = [jnp.sum(energy, where=np.equal(directions, direction)) for direction in Direction]
     return jnp.argmax(jnp.stack(shares))
@@ -186,9 +188,9 @@ def is_affine(model: AbstractModel, rotor: AnyRotor) -> bool:
 def gives_way(
     rows: np.ndarray, k1: Matrix, k0: Matrix
 ) -> tuple[Float[Array, ""], Float[Array, " n"]]:
-    """The least s > 0 at which K_0 + s K_1 is singular in some coordinates, infinite where there is
-    none, NaN where numbers overflow, and the shape among all."""
-    least, x = softest(rows, k1, k0)  # K_1 x = least K_0 x
+    """The least s > 0 at which K_0 + s K_1 is singular in coordinates `rows`, infinite where there
+    is none, NaN for overflow; and the shape in all coordinates."""
+    least, x = softest(rows, k1, k0)  # lowest eigenvalue of K_1 x = least K_0 x
     own = np.ix_(rows, rows)
     bound = 1e-13 * jnp.max(jnp.abs(k1[own])) / jnp.max(jnp.abs(k0[own]))  # squares may overflow
     soft = least < -bound

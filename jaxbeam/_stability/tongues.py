@@ -116,7 +116,7 @@ def tongue(
             raise ValueError(f"depths must be finite, positive and increasing, got {values}")
     speed = positive("mean", mean)
     damping = checked_damping(damping, (model, rotor))
-    share = jnp.asarray(float(order))  # an array: another order does not compile anew
+    share = jnp.asarray(float(order))  # an array, so that another order needs no new program
     result = _tongue(model, rotor, speed, wanted, depths, share, damping, groups[0], steps)
     return finish(result, throw)
 
@@ -153,7 +153,7 @@ def _tongue(
 def _unmodulated(
     model: AbstractModel, rotor: AnyRotor, mean: Scalar, wanted: Wanted, damping: Damping
 ) -> tuple[Modes, Code]:
-    """The modes at the mean speed, and the status of the case: whether there is something to do."""
+    """The modes at the mean speed, and the status of the case."""
     unit = ModulatedSpeed(mean, 0.0, 1.0)
     given = modulation_status(model, rotor, unit, 2 * jnp.pi / unit.frequency, damping)
     found = find(model, rotor, mean, wanted)
@@ -163,7 +163,7 @@ def _unmodulated(
 
 
 class _Modulation(NamedTuple):
-    """A beam and a modulation of its speed: all that a margin has derivatives by."""
+    """A beam and a modulation of its speed: all parameters that a margin has derivatives by."""
 
     rotor: AnyRotor
     mean: Scalar
@@ -180,7 +180,7 @@ class _Modulation(NamedTuple):
 
 
 class _Margin(NamedTuple):
-    """The function that changes sign at the boundary, of a pair of modes that span `basis`."""
+    """The function that changes sign at a boundary of a tongue, for two modes that span `basis`."""
 
     model: AbstractModel
     directions: tuple[Direction, ...]
@@ -188,14 +188,14 @@ class _Margin(NamedTuple):
     steps: int
 
     def at(self, case: _Modulation) -> tuple[Scalar, Scalar]:
-        """The margin, positive where unstable; and how well the pair is recognised, one at best, or
-        NaN where the steps are too long."""
+        """The margin, positive where unstable, and how well the two modes are recognised, one at
+        best; NaN where steps are too long."""
         found = case.group(self.model, self.directions).monodromy(self.steps)
         value, ahead = self.of(found.matrix, found.sound)
         return value, jnp.where(found.sound, ahead, jnp.nan)
 
     def estimated(self, case: _Modulation) -> tuple[Scalar, Scalar]:
-        """The margin of `at`, and what the steps do to it."""
+        """The margin of `at`, and its error by the number of steps."""
         found = case.group(self.model, self.directions).monodromy(self.steps, half(self.steps))
         assert found.by_fewer is not None
         value, _ = self.of(found.matrix, found.sound)
@@ -203,19 +203,19 @@ class _Margin(NamedTuple):
         return value, jax.lax.stop_gradient(jnp.abs(value - other)) * left_by(self.steps)
 
     def of(self, monodromy: Any, sound: Array) -> tuple[Scalar, Scalar]:
-        """The margin of a matrix over a period, if it is sound, and how well the pair is
-        recognised."""
+        """The margin from a matrix over a period, NaN if it is not sound, and how well the two
+        modes are recognised."""
         total, product, ahead = self.pair(jnp.where(sound, monodromy, jnp.eye(len(self.basis))))
         return _beyond(total, product), ahead
 
     def pair(self, monodromy: Matrix) -> tuple[Complex[Array, ""], Complex[Array, ""], Scalar]:
-        """Sum and product of the two multipliers, and by how much more like the pair they are than
-        the next one."""
+        """Sum and product of the two multipliers, and by how much more than the next they are like
+        the two modes."""
         _, right, left = eigensystem(jax.lax.stop_gradient(monodromy))
         share = jnp.linalg.norm(self.basis.conj().T @ right, axis=0)
         likeness, index = jax.lax.top_k(share / jnp.linalg.norm(right, axis=0), min(3, share.size))
-        # Of the two-dimensional invariant subspace: at the boundary the two multipliers coincide,
-        # with derivatives that are infinite, while sum and product stay smooth.
+        # By the invariant subspace of both: at the boundary the two multipliers coincide, and have
+        # infinite derivatives, but their sum and product are smooth.
         x, y = (_orthonormal(*a[:, index[:2]].T) for a in (right, left))
         small = _inverse2(y.conj().T @ x) @ (y.conj().T @ (monodromy @ x))
         ahead = likeness[1] - likeness[2] if share.size > 2 else likeness[1]
@@ -223,9 +223,9 @@ class _Margin(NamedTuple):
 
 
 def _beyond(total: Complex[Array, ""], product: Complex[Array, ""]) -> Scalar:
-    """Whether two numbers of this sum and product are outside the unit circle: see `tongue`."""
-    # Scaled to a product of one, the sum is t and the unit circle has the radius rho: both are
-    # within while t is in the ellipse with the half axes rho +- 1 / rho.
+    """How far two multipliers of this sum and product are outside the unit circle: see `tongue`."""
+    # Scaled to a product of one the sum is t, and the unit circle has the radius rho: both
+    # multipliers are inside if t is in the ellipse with half axes rho +- 1 / rho.
     t, rho = total / jnp.sqrt(product), jnp.abs(product) ** -0.5
     minor = rho - 1 / rho
     flat = jnp.abs(minor) < 1e-12  # without damping t is real
@@ -235,7 +235,7 @@ def _beyond(total: Complex[Array, ""], product: Complex[Array, ""]) -> Scalar:
 
 
 class _End(NamedTuple):
-    """The state of Newton's method on its way to a boundary of the tongue."""
+    """The state of Newton's method in the search for a boundary of the tongue."""
 
     frequency: Scalar
     change: Scalar
@@ -245,7 +245,7 @@ class _End(NamedTuple):
 
 
 class _BoundaryPoint(NamedTuple):
-    """The boundary at one depth, from which the search at the next begins."""
+    """The boundary at one depth, from which the search at the next depth starts."""
 
     depth: Scalar
     centre: Scalar
@@ -264,7 +264,7 @@ class _BoundarySearch(NamedTuple):
     order: Scalar
 
     def boundaries(self, depths: Vector) -> tuple[Array, Array, Array]:
-        """The two ends at each depth, the derivatives of the margin there, and a status."""
+        """Both ends of the tongue at each depth, derivatives of the margin there, and a status."""
         onset, least = self.onset, jnp.full_like(self.onset, 1e-3)
         first = _BoundaryPoint(least, onset, 0.01 * onset * least**self.order, jnp.full(2, jnp.nan))
         return jax.lax.scan(self.follow, *without_derivatives((first, depths)))[1]
@@ -275,7 +275,7 @@ class _BoundarySearch(NamedTuple):
         """One step of the search, from one depth to the next."""
         valid = jnp.isfinite(given) & (given > 0)
         depth = jnp.where(valid, given, last.depth)
-        # To second order in depth the middle moves with its square, the width with its power.
+        # The middle moves with the square of the depth, the width grows with its power `order`.
         drift = jnp.nan_to_num(jnp.mean(last.slopes)) / (2 * last.depth)
         centre = last.centre + drift * (depth**2 - last.depth**2)
         centre, width = self.vertex(centre, last.width * (depth / last.depth) ** self.order, depth)
@@ -296,7 +296,7 @@ class _BoundarySearch(NamedTuple):
         return new, (jnp.where(good, ends, jnp.nan), end.rate, status)
 
     def vertex(self, centre: Scalar, spacing: Scalar, depth: Scalar) -> tuple[Scalar, Scalar]:
-        """Middle and half width of a parabola through three points; NaN if it stays negative."""
+        """Middle and half width of where a parabola through points is positive; NaN if nowhere."""
 
         def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
             centre, spacing = state[:2]
@@ -307,14 +307,14 @@ class _BoundarySearch(NamedTuple):
             top = mid + shift * (tilt + shift * bend)
             width = spacing * jnp.sqrt(jnp.maximum(top / -bend, 0.0))
             near = jnp.where(width > 0, jnp.clip(width, 0.05 * spacing, 2.0 * spacing), spacing)
-            near = jnp.where(jnp.abs(shift) >= 2, 4 * spacing, near)  # far from it yet
+            near = jnp.where(jnp.abs(shift) >= 2, 4 * spacing, near)  # not near the tongue yet
             return centre + shift * spacing, near, jnp.where(top > 0, width, jnp.nan)
 
         centre, _, width = jax.lax.fori_loop(0, 6, body, (centre, spacing, spacing))
         return centre, width
 
     def newton(self, start: Scalar, depth: Scalar) -> _End:
-        """The boundary near a frequency."""
+        """The boundary near a start, by Newton's method."""
 
         def body(end: _End) -> _End:
             value, likeness, rate = self.slope(end.frequency, depth, (1.0, 0.0))
@@ -328,7 +328,8 @@ class _BoundarySearch(NamedTuple):
         return jax.lax.while_loop(go_on, body, _End(start, jnp.inf * one, one, one, 0 * one))
 
     def slope(self, nu: Scalar, depth: Scalar, along: tuple[float, float]) -> tuple[Scalar, ...]:
-        """The margin and its likeness, and the derivative of it along (frequency, depth)."""
+        """The margin and how well modes are recognised, and the derivative of the margin along a
+        direction in (frequency, depth)."""
         start, one = self.case(nu, depth), jnp.ones_like(nu)
         still: _Modulation = jax.tree.map(jnp.zeros_like, start)
         push = still._replace(frequency=along[0] * one, depth=along[1] * one)
@@ -342,8 +343,8 @@ class _BoundarySearch(NamedTuple):
         )
 
     def polished(self, end: Scalar, rate: Scalar, depth: Scalar) -> tuple[Scalar, Scalar]:
-        """One more step, in which the parameters carry their derivatives, and what the steps of
-        time do to the end."""
+        """One more step of Newton's method, with derivatives by the parameters, and the error by
+        the number of steps in time."""
         here = jnp.isfinite(end)
         depth = jnp.where(here, depth, 1e-3)
         start = jnp.where(here, end, self.onset)
@@ -355,12 +356,12 @@ class _BoundarySearch(NamedTuple):
 
 
 def _ended(end: _End, valid: Array, exists: Array, good: Array) -> Code:
-    """The status of the two ends at a depth."""
+    """The status of both ends of a tongue at a depth."""
     clear = jnp.all(end.likeness > 0.2)
     status = jnp.where(clear, Status.OK, Status.INACCURATE)
     status = jnp.where(good, status, Status.NOT_CONVERGED)
     status = jnp.where(exists, status, Status.NO_TONGUE)
-    # Which are too long to see any.
+    # Steps are too long for any result.
     status = jnp.where(jnp.any(jnp.isnan(end.likeness)), Status.TOO_FEW_STEPS, status)
     return jnp.where(valid, status, Status.INVALID_MOTION)
 
@@ -368,8 +369,8 @@ def _ended(end: _End, valid: Array, exists: Array, good: Array) -> Code:
 def _basis(
     group: Reduced, speed: Scalar, eigenvalue: Complex[Array, " 2"], shape: Complex[Array, "2 n"]
 ) -> Complex[Array, "m 2"]:
-    """Orthonormal vectors that span two modes in (x, y), the second one turning backwards: these
-    two meet."""
+    """Orthonormal vectors that span two modes in (x, y), the second one with its frequency
+    negative: these two multipliers meet."""
     phi, root = group.coordinates
     m, g, *_ = group.matrices(speed)
 

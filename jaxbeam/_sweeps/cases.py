@@ -12,7 +12,7 @@ from jaxbeam._checks import unmasked
 from jaxbeam._types import is_concrete
 
 
-@dataclasses.dataclass(frozen=True, eq=False)  # arrays are not compared
+@dataclasses.dataclass(frozen=True, eq=False)  # no comparison of arrays
 class Cases:
     """Named parameters of N cases. Made by `grid` or `points`.
 
@@ -22,7 +22,8 @@ class Cases:
     """
 
     axes: dict[str, np.ndarray]
-    of_list: dict[str, np.ndarray] | None = None  # parameters of an explicit list
+    # Parameters of an explicit list of cases; None for a grid.
+    of_list: dict[str, np.ndarray] | None = None
 
     def __len__(self) -> int:
         return math.prod(len(axis) for axis in self.axes.values())
@@ -41,7 +42,7 @@ class Cases:
         """A description that tells these cases from others, in order: name, number, ends, and a
         digest of all bits."""
         columns = {**self.axes, **(self.of_list or {})}.items()
-        # JSON has no NaN that equals itself.
+        # As texts, since NaN would not equal itself.
         ends = {name: [repr(column[i].item()) for i in (0, -1)] for name, column in columns}
         return [
             [name, len(column), *ends[name], hashlib.sha256(column.tobytes()).hexdigest()]
@@ -90,7 +91,7 @@ def points(**columns: Any) -> Cases:
 
 
 def checked_cases(cases: Any) -> Cases:
-    """The argument as cases; a dictionary is taken for the axes of a grid."""
+    """The argument as `Cases`; a dictionary counts as the axes of a grid."""
     if isinstance(cases, Cases):
         return cases
     if isinstance(cases, Mapping):
@@ -111,7 +112,7 @@ def _some(named: dict[str, Any]) -> dict[str, Any]:
 
 
 def refuse_traced(given: Any) -> None:
-    """Raise if numbers of a sweep are traced."""
+    """Raise `TypeError` if numbers of a sweep are traced."""
     if not is_concrete(given):
         raise TypeError(
             "a sweep cannot be inside jax.grad, jax.jit or jax.vmap, since its results go to "
@@ -124,12 +125,12 @@ def _column(name: str, values: Any) -> np.ndarray:
     values = unmasked(name, values)
     try:
         column = np.asarray(values)
-    except ValueError:  # lists of unequal lengths
+    except ValueError:  # raised for lists of unequal lengths
         raise ValueError(f"{name} must be a list of numbers, got {values!r}") from None
     if column.ndim != 1 or column.size == 0:
         raise ValueError(f"{name} must be one-dimensional and not empty, got {column.shape}")
     if isinstance(values, list | tuple | range) and np.issubdtype(column.dtype, np.integer):
-        column = column.astype(float)  # [0, 1, 2] typed by hand means numbers
+        column = column.astype(float)  # integers typed by hand are meant as numbers
     if not np.issubdtype(column.dtype, np.floating):
         raise TypeError(f"{name} must be real floating-point numbers, got {column.dtype}")
     if name == "status":

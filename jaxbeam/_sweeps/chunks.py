@@ -23,13 +23,13 @@ _MADE_WITH = ("jaxbeam", "jax", "jaxlib", "equinox", "diffrax", "numpy")
 
 
 def batched(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
-    """The results of `function(**parameters)` for every case."""
+    """The results of `function(**parameters)` for every row of columns of parameters."""
     program, arrays = _program(function)
     return program(arrays, columns)
 
 
 def prepare(function: Callable[..., Any], columns: dict[str, jax.Array]) -> None:
-    """Compile the program of `batched`."""
+    """Compile the program of `batched` for such columns."""
     program, arrays = _program(function)
     program.prepare(arrays, columns)
 
@@ -41,7 +41,8 @@ def lowered(function: Callable[..., Any], columns: dict[str, jax.Array]) -> Any:
 
 
 def _program(function: Callable[..., Any]) -> tuple[Program, tuple[Any, ...]]:
-    """The program of a function, and the arrays bound to it, which may be others each time."""
+    """The program of a function, as one of its arrays, and these arrays, so that functions that
+    differ only in arrays share it."""
     leaves, structure = jax.tree.flatten(function)
     arrays = tuple(leaf if eqx.is_array(leaf) else None for leaf in leaves)
     rest = tuple(None if eqx.is_array(leaf) else leaf for leaf in leaves)
@@ -50,8 +51,8 @@ def _program(function: Callable[..., Any]) -> tuple[Program, tuple[Any, ...]]:
 
 @functools.lru_cache(maxsize=16)
 def _program_without(structure: Any, rest: tuple[Any, ...], _: tuple[type, ...]) -> Program:
-    """The program of a function from its arrays. A function that is swept once, as a lambda is, is
-    forgotten with its program when others have come; types tell 1 from 1.0, which are equal."""
+    """The program of a function without its arrays. Programs of functions that are swept once, such
+    as lambdas, are dropped when others have come; types distinguish 1 from 1.0, which are equal."""
 
     def run(arrays: tuple[Any, ...], columns: dict[str, jax.Array]) -> Any:
         leaves = [own if a is None else a for a, own in zip(arrays, rest, strict=True)]
@@ -65,26 +66,28 @@ def _program_without(structure: Any, rest: tuple[Any, ...], _: tuple[type, ...])
 
 
 class Work(NamedTuple):
-    """The work on every chunk: a function, results of one case, and cases at a time."""
+    """The work for every chunk: a function, the shapes of results of one case, and the number of
+    cases at a time."""
 
     function: Callable[..., Any]
     specs: Mapping[str, Spec]
     chunk: int
 
     def on(self, columns: Columns, device: jax.Device | None) -> ChunkResults:
-        """Results of these cases, and what those say that raised."""
+        """Results of these cases, and messages of those that raised."""
         n, results = self._blank(columns)
         errors: dict[int, str] = {}
         function = placed(self.function, device)
 
         def run(lanes: np.ndarray) -> dict[str, np.ndarray]:
-            # One shape, one compilation: other lanes are filled up. A case keeps its lane, whatever
-            # becomes of its neighbours, so its numbers stay the same to the last bit.
+            # All chunks have one shape, for one program: the last one is filled up with copies. A
+            # case keeps its place, whatever becomes of others, so that its numbers are the same to
+            # the last bit.
             case = np.full(self.chunk, lanes[0])
             case[lanes] = lanes
             filled = jax.device_put({name: c[case] for name, c in columns.items()}, device)
             result = batched(function, filled)
-            refuse_traced(result)  # of what the function reads from outside
+            refuse_traced(result)  # raises for traced numbers that the function reads from outside
             found = named(jax.device_get(result))
             kept = {name: np.asarray(leaf, self.specs[name].dtype) for name, leaf in found.items()}
             return {name: leaf[lanes] for name, leaf in kept.items()}
@@ -101,19 +104,20 @@ class Work(NamedTuple):
         return ChunkResults(results, errors)
 
     def lost(self, columns: Columns, message: str) -> ChunkResults:
-        """The placeholder for a chunk that nobody lived to compute."""
+        """The placeholder for a chunk whose workers all died: NaN, and status RAISED with a
+        message."""
         n, results = self._blank(columns)
         results["status"][:] = Status.RAISED
         return ChunkResults(results, dict.fromkeys(range(n), message), computed=False)
 
     def _blank(self, columns: Columns) -> tuple[int, dict[str, np.ndarray]]:
-        """The number of these cases, and results that are not known yet."""
+        """The number of these cases, and placeholders for their results."""
         n = len(next(iter(columns.values())))
         return n, {name: spec.blank(n) for name, spec in self.specs.items()}
 
 
 def placed(function: Callable[..., Any], device: jax.Device | None) -> Callable[..., Any]:
-    """The function with what is bound to it on a device."""
+    """The function with all arrays that are bound to it on a device."""
     arrays, rest = eqx.partition(function, eqx.is_array)
     return function if device is None else eqx.combine(jax.device_put(arrays, device), rest)
 
@@ -131,7 +135,7 @@ def named(result: Any) -> dict[str, Any]:
 
 
 def _finite(results: Mapping[str, np.ndarray], n: int) -> np.ndarray:
-    """Status of n cases that do not tell it themselves."""
+    """Status of n cases whose results have none: OK where all numbers are finite."""
     finite = np.ones(n, bool)
     for value in results.values():
         if np.issubdtype(value.dtype, np.inexact):
@@ -142,13 +146,14 @@ def _finite(results: Mapping[str, np.ndarray], n: int) -> np.ndarray:
 def _isolated(
     run: Callable[[np.ndarray], dict[str, np.ndarray]], index: np.ndarray
 ) -> list[tuple[np.ndarray, dict[str, np.ndarray] | str]]:
-    """Results of the cases in `index` in parts, a message for each case that raises alone."""
+    """Results of the cases in `index`, divided into halves until each case that raises is alone,
+    with its message."""
     try:
         with unlogged():
             return [(index, run(index))]
     except Exception as error:
         sentence = said(error)
-        if sentence is None:  # another error, say of memory
+        if sentence is None:  # another error, such as lack of memory
             raise
     if len(index) == 1:
         return [(index, sentence)]
@@ -157,7 +162,7 @@ def _isolated(
 
 
 def made_with() -> dict[str, Any]:
-    """Versions and hardware that the last bits may depend on beside the program."""
+    """Versions and hardware on which, besides the program, the last bits of results may depend."""
     device = jax.device_put(0.0).device
     versions = {name: importlib.metadata.version(name) for name in _MADE_WITH}
     flags = os.environ.get("XLA_FLAGS", "").split()

@@ -19,7 +19,7 @@ from jaxbeam._sweeps.store import ChunkResults
 
 
 def checked_devices(devices: Any) -> tuple[jax.Device | None, ...]:
-    """Devices of this process, of which some may be named several times; `None` is the default."""
+    """Devices of this process, some possibly named several times; the default one for `None`."""
     if devices is None:
         return (None,)
     given = tuple(devices) if isinstance(devices, Sequence) else ()
@@ -39,8 +39,8 @@ def on_devices(
     numbers: Sequence[int],
     devices: Sequence[jax.Device | None],
 ) -> Generator[tuple[int, ChunkResults]]:
-    """Every number with what was found for it, as they end: one at a time on each device, or as
-    many as the device is named."""
+    """Numbers of chunks and their results, in the order in which they end; each device works on as
+    many at a time as it is named."""
     exact = jax.config.read("jax_enable_x64")
 
     def compute(number: int, device: jax.Device | None) -> ChunkResults:
@@ -58,13 +58,14 @@ def on_devices(
     more = collections.Counter(devices)
     rest = iter(numbers)
     with concurrent.futures.ThreadPoolExecutor(len(devices)) as pool:
-        # One at first, so that each device compiles once.
+        # One chunk for each device first, so that each compiles once.
         running = {pool.submit(compute, k, d): (k, d) for d, k in zip(more, rest, strict=False)}
         while running:
             ended, _ = concurrent.futures.wait(
                 running, return_when=concurrent.futures.FIRST_COMPLETED
             )
-            for future in sorted(ended, key=lambda f: f.exception() is not None):  # lose nothing
+            # Results first, errors last, so that no result is lost.
+            for future in sorted(ended, key=lambda f: f.exception() is not None):
                 number, device = running.pop(future)
                 found = future.result()
                 for k in itertools.islice(rest, more.pop(device, 1)):

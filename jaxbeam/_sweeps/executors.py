@@ -28,22 +28,22 @@ import jax
 from jaxbeam._sweeps.chunks import Columns, Work, made_with
 from jaxbeam._sweeps.store import ChunkResults
 
-try:  # it takes functions of scripts and notebooks along, and comes with Dask and with loky
+try:  # it can pickle functions of scripts and notebooks, and comes with Dask and with loky
     import cloudpickle as pickler
 except ImportError:
     pickler = pickle
 
-_DEATHS = 3  # of workers, after which the chunk that they had is given up
-_MADE = 10  # executors, after which it is given up that one of them ever answers
-_MANY = 1024  # chunks sent ahead to an executor that does not say how many workers it has
-_LOOK = 5.0  # seconds without an answer, after which it is looked whether there are workers
-_PATIENCE = 45.0  # seconds without any worker, after which no other is believed to come
+_DEATHS = 3  # number of workers whose death a chunk may cause before it is given up
+_MADE = 10  # number of executors that are made before the sweep is given up
+_MANY = 1024  # number of chunks sent ahead to executors that do not tell their number of workers
+_LOOK = 5.0  # seconds without a result after which workers are counted
+_PATIENCE = 45.0  # seconds without any worker after which a sweep is given up
 
 
 def on_executor(
     work: Work, columns: Callable[[int], Columns], numbers: Sequence[int], executor: Any
 ) -> Generator[tuple[int, ChunkResults]]:
-    """Every number with what was found for it, as they end.
+    """Numbers of chunks and their results, in the order in which they end.
 
     Executors of the standard library end with the first worker that dies: they are made again, and
     what they had not answered is sent again. A chunk that was out at two deaths is tried alone, so
@@ -81,7 +81,8 @@ def on_executor(
                     continue
                 if isinstance(found, BrokenExecutor):
                     broken = found
-                # Dask has tried by itself, and blames what waited at the workers that died, too.
+                # Dask has tried again itself, and also blames chunks that only waited at workers
+                # that died.
                 deaths[number] += 1 if isinstance(found, BrokenExecutor) else _DEATHS - 1
                 if deaths[number] < _DEATHS:
                     waiting.append(number)
@@ -104,17 +105,16 @@ def on_executor(
 
 
 class _Watch:
-    """A watch over an executor: it waits for answers as long as there are workers, or may yet be
-    some."""
+    """A watch that waits for results of an executor as long as it has workers, or may get some."""
 
     def __init__(self) -> None:
         self.start = time.monotonic()
-        self.seen: float | None = None  # when there last was a worker
+        self.seen: float | None = None  # time when there last was a worker; None: not known
         self.warned = False
 
     def ended(self, pool: Executor, running: Any, all_of_them: bool) -> Iterable[Any]:
-        """The jobs that ended of those running; nothing, now and then, while there is nothing
-        yet."""
+        """The jobs that have ended of those running; an empty set from time to time while none
+        has."""
         if self.seen is None:
             self._look(pool)
         if all_of_them:
@@ -142,13 +142,13 @@ class _Watch:
 
 
 def _workers(pool: Executor) -> int | None:
-    """The number of workers, if the executor is one of Dask, which knows."""
+    """The number of workers of a Dask executor; None for others."""
     client = getattr(pool, "_client", None)
     if client is None:
         return None
     try:
         return len(client.nthreads())
-    except Exception:  # of a scheduler that does not answer, which ends its chunks by itself
+    except Exception:  # raised by a scheduler that does not answer, which ends its chunks itself
         return None
 
 
@@ -169,7 +169,7 @@ def _made(executor: Any) -> Executor:
 
 
 def _another(executor: Any, end: BaseException) -> Executor:
-    """An executor in the place of one that ended."""
+    """A new executor in the place of one that ended."""
     if isinstance(executor, Executor):
         raise RuntimeError(
             "a worker died, and the executor with it: pass a function that makes executors, and "
@@ -179,7 +179,7 @@ def _another(executor: Any, end: BaseException) -> Executor:
 
 
 def _found(future: Future[ChunkResults | str]) -> ChunkResults | BaseException:
-    """The results of a chunk, or how the worker died that had it."""
+    """The results of a chunk, or the exception that says that its worker died."""
     if future.cancelled():
         raise RuntimeError("the executor was shut down, or lost its connection")
     death = future.exception()
@@ -197,7 +197,7 @@ def _found(future: Future[ChunkResults | str]) -> ChunkResults | BaseException:
 
 
 def _deaths() -> tuple[type[BaseException], ...]:
-    """The exceptions that executors raise in the place of an answer where workers died of it."""
+    """The exceptions that executors raise where a worker died."""
     dask = sys.modules.get("distributed.scheduler")
     return (BrokenExecutor,) if dask is None else (BrokenExecutor, dask.KilledWorker)
 
@@ -206,7 +206,7 @@ def _pickled(work: Work) -> bytes:
     exact = jax.config.read("jax_enable_x64")
     try:
         return pickler.dumps((os.getpid(), exact, made_with(), work))
-    except Exception as error:  # of what kind depends on what it is
+    except Exception as error:  # the class depends on the executor
         raise TypeError(
             "function must be picklable to go to an executor: define it in a module, with what it "
             f"needs bound by jax.tree_util.Partial, or install cloudpickle ({error})"
@@ -216,7 +216,7 @@ def _pickled(work: Work) -> bytes:
 @functools.lru_cache(maxsize=4)
 def _opened(job: bytes) -> Work:
     caller, exact, theirs, work = pickle.loads(job)
-    if os.getpid() != caller:  # what a context manager sets does not reach callbacks
+    if os.getpid() != caller:  # settings of a context manager do not reach callbacks
         jax.config.update("jax_enable_x64", exact)
     ours = made_with()
     other = [f"{n} ({ours[n]}, not {theirs[n]})" for n in ours if ours[n] != theirs[n]]
@@ -226,8 +226,9 @@ def _opened(job: bytes) -> Work:
 
 
 def _answer(job: bytes, columns: Columns, deaths: int) -> ChunkResults | str:
-    """The results of a worker for a chunk, or what went wrong with all of it. Dask knows calls by
-    their arguments: with the number of deaths before, another try is not the one that failed."""
+    """The results of a worker for a chunk, or the error for all of it. The number of deaths is an
+    argument, since Dask identifies calls by these: a new try must not be taken for the one that
+    failed."""
     try:
         return _opened(job).on(columns, None)
     except Exception as error:

@@ -17,8 +17,8 @@ from jaxbeam._sweeps.chunks import batched, lowered
 
 
 def program_of(function: Callable[..., Any], columns: dict[str, jax.Array]) -> dict[str, Any]:
-    """A digest of the program that a function compiles to, with all constants in it and the arrays
-    bound to it; beside that, for people, its name and what it reads.
+    """A digest of the program that a function compiles to, with all constants and bound arrays;
+    and, for people, the function's name and what it reads.
 
     The text of a program holds its constants or names them as arguments, by a setting of JAX. So
     they are taken from what was traced, too.
@@ -29,7 +29,7 @@ def program_of(function: Callable[..., Any], columns: dict[str, jax.Array]) -> d
         array = plain_array(number)
         program.update(f"{array.dtype} {array.shape}".encode() + array.tobytes())
     bare = inspect.unwrap(function)
-    while isinstance(bare, functools.partial):  # that of JAX is one
+    while isinstance(bare, functools.partial):  # `jax.tree_util.Partial` is one
         bare = bare.func
     name = getattr(bare, "__qualname__", type(bare).__qualname__)
     return {
@@ -40,13 +40,13 @@ def program_of(function: Callable[..., Any], columns: dict[str, jax.Array]) -> d
 
 
 def plain_array(value: Any) -> np.ndarray:
-    """Numbers in NumPy, of a key of random numbers those that it is made of."""
+    """Numbers as an array of NumPy; of a key of random numbers those that it consists of."""
     is_key = eqx.is_array(value) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
     return np.asarray(jax.random.key_data(value) if is_key else value)
 
 
 def _constants(traced: Any) -> Iterator[Any]:
-    """Numbers in a program and in all that are part of it, in the order in which they are read."""
+    """The constants of a traced program and of all programs within it, in order."""
     if isinstance(traced, ClosedJaxpr):
         yield from traced.consts
         traced = traced.jaxpr
@@ -67,14 +67,14 @@ def _literals(variables: Any) -> Iterator[Any]:
 
 
 def _reads(function: Any, bare: Any) -> dict[str, str]:
-    """Modules and numbers that a function is bound to, or finds outside."""
+    """Modules and numbers that a function is bound to or finds in its module."""
     parts: dict[str, Any] = {}
     if isinstance(function, eqx.Module):
         parts = {name: getattr(function, name) for name in vars(function)}
     elif isinstance(function, functools.partial):
         parts = {**{str(i): a for i, a in enumerate(function.args)}, **function.keywords}
     if inspect.isfunction(bare):
-        with contextlib.suppress(ValueError):  # of a name that is not bound yet
+        with contextlib.suppress(ValueError):  # raised for a variable that is not bound yet
             outside = inspect.getclosurevars(bare)
             parts |= {**outside.globals, **outside.nonlocals}
     kinds = (eqx.Module, int, float, str, np.ndarray, jax.Array, tuple, dict)

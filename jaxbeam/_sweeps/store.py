@@ -29,48 +29,48 @@ import numpy as np
 from jaxbeam._sweeps.cases import Cases
 
 _FORMAT = 3
-_NEW = ".new-"  # begins the names of files that are not yet in place
-INFORMATION = ("function", "reads")  # for people: the program is what is compared
+_NEW = ".new-"  # prefix of files that are not in place yet
+INFORMATION = ("function", "reads")  # entries for people only: folders are compared by program
 
 
 class Spec(NamedTuple):
-    """The kind and shape of one result of one case."""
+    """The type and shape of one result of one case."""
 
     dtype: np.dtype
     shape: tuple[int, ...]
 
     def blank(self, n: int) -> np.ndarray:
-        """Values of n cases that are not known yet: NaN, or zero where the kind has none."""
+        """Placeholders for n cases: NaN, or zero for types without NaN."""
         filled = np.nan if np.issubdtype(self.dtype, np.inexact) else 0
         return np.full((n, *self.shape), filled, self.dtype)
 
 
 class ChunkResults(NamedTuple):
-    """A chunk: results by name, and messages of the cases that raised, by their place in it."""
+    """Results of a chunk by name, and messages of cases that raised, by their index in it."""
 
     results: dict[str, np.ndarray]
     errors: dict[int, str]
-    computed: bool = True  # not where every worker died that tried to
+    computed: bool = True  # false where every worker that tried died
 
 
 class _Chunks:
-    """The division of cases: `chunk` of them at a time, the last chunk holds the rest."""
+    """The division of cases into chunks of `chunk` cases, of which the last may be shorter."""
 
     def __init__(self, n: int, chunk: int) -> None:
         self.n, self.chunk = n, chunk
         self.number = -(-n // chunk)
 
     def length(self, number: int) -> int:
-        """The number of cases in a chunk."""
+        """The number of cases in the chunk of this number."""
         return min(self.chunk, self.n - number * self.chunk)
 
     def by_case(self, number: int, part: ChunkResults) -> dict[int, str]:
-        """Messages of a chunk by number of case."""
+        """Messages of a chunk by number of the case in the sweep."""
         return {number * self.chunk + place: text for place, text in part.errors.items()}
 
 
 class Memory(_Chunks):
-    """Results in memory."""
+    """A store of results in memory."""
 
     def __init__(self, specs: Mapping[str, Spec], n: int, chunk: int) -> None:
         super().__init__(n, chunk)
@@ -79,11 +79,11 @@ class Memory(_Chunks):
         self._left = dict.fromkeys(range(self.number))
 
     def missing(self) -> list[int]:
-        """Numbers of the chunks that are not there."""
+        """Numbers of the chunks without results."""
         return list(self._left)
 
     def put(self, number: int, part: ChunkResults) -> None:
-        """Keep a chunk."""
+        """Keep the results of a chunk."""
         start = number * self.chunk
         del self._left[number]
         for name, values in part.results.items():
@@ -97,7 +97,7 @@ class Memory(_Chunks):
 
 
 class ResultFolder(_Chunks):
-    """Results in a folder, made by `opened` or `reopened`."""
+    """A store of results in a folder, made by `opened` or `reopened`."""
 
     def __init__(
         self, folder: Path, mark: str, specs: Mapping[str, Spec], n: int, chunk: int
@@ -105,10 +105,10 @@ class ResultFolder(_Chunks):
         super().__init__(n, chunk)
         self.folder, self.mark, self.specs = folder, mark, specs
         self.errors = self._finished()
-        self.computed: dict[int, bool] = {}  # of each chunk that was put, which may be given up
+        self.computed: dict[int, bool] = {}  # chunks that were put; false for those given up
 
     def missing(self) -> list[int]:
-        """Numbers of the chunks that are not there, or not whole."""
+        """Numbers of the chunks without complete results."""
         return [k for k in range(self.number) if k not in self.errors]
 
     def put(self, number: int, part: ChunkResults) -> None:
@@ -123,15 +123,16 @@ class ResultFolder(_Chunks):
                 self._write(name, number, data)
             if part.computed:
                 self._finish(number, checks, errors)
-        except (FileNotFoundError, NotADirectoryError):  # a moment after the mark was looked at
+        # Raised if the folder is removed after the check.
+        except (FileNotFoundError, NotADirectoryError):
             raise _taken(self.folder) from None
         except OSError as error:
             raise _told(error, self.folder) from error
         self.errors[number], self.computed[number] = errors, part.computed
 
     def collected(self) -> tuple[dict[str, np.ndarray], dict[int, str]]:
-        """Results, mapped from their files as they are looked at, and messages of all cases."""
-        if self.computed:  # while others may have been here
+        """Results, as arrays mapped from their files, and messages of all cases."""
+        if self.computed:  # other processes may have written meanwhile
             self._must_be_ours()
             given_up = [k for k, computed in self.computed.items() if not computed]
             self.errors = {**self._finished(), **{k: self.errors[k] for k in given_up}}
@@ -152,7 +153,7 @@ class ResultFolder(_Chunks):
         return results, {i: e for part in self.errors.values() for i, e in part.items()}
 
     def _finished(self) -> dict[int, dict[int, str]]:
-        """Messages of the chunks that are there and whole, by their number."""
+        """Messages of the chunks that are complete, by number of the chunk."""
         index = self.folder / "index.txt"
         lines = index.read_bytes().split(b"\n") if index.exists() else []
         finished = {}
@@ -166,18 +167,18 @@ class ResultFolder(_Chunks):
         return finished
 
     def _finish(self, number: int, checks: dict[str, int], errors: dict[int, str]) -> None:
-        """Write the line in the index for a chunk that is there."""
+        """Write the line of the index that says that a chunk is complete."""
         entry = {"sweep": self.mark, "chunk": number, "checks": checks, "errors": errors}
         text = json.dumps(entry).encode()
         with open(self.folder / "index.txt", "ab+") as file:
-            # A line that a dying process left half done must not swallow this one.
+            # This line must not follow a half-written line of a process that died.
             torn = file.tell() and (file.seek(-1, os.SEEK_END), file.read())[1] != b"\n"
             file.write(b"\n" * bool(torn) + _check(text) + b" " + text + b"\n")
 
     def _must_be_ours(self) -> None:
         try:
             ours = _digest(_identity(self.folder)) == self.mark
-        except ValueError:  # not a folder of any sweep
+        except ValueError:  # raised if this is no folder of a sweep
             ours = False
         if not ours:
             raise _taken(self.folder)
@@ -194,14 +195,14 @@ class ResultFolder(_Chunks):
         return file.getvalue()
 
     def _place(self, name: str, number: int) -> tuple[int, int]:
-        """The place of a chunk's part in the file, and its length, in bytes."""
+        """Offset and length, in bytes, of the part of a chunk in the file of a result."""
         start = number * self.chunk
         spec = self.specs[name]
         row = spec.dtype.itemsize * int(np.prod(spec.shape, dtype=int))
         return len(self._header(name)) + start * row, self.length(number) * row
 
     def _checks(self, number: int) -> dict[str, int]:
-        """Checksums of a chunk as it stands in the files, of those that can be read."""
+        """Checksums of the parts of a chunk in the files, of those that can be read."""
         checks = {}
         for name in self.specs:
             place, length = self._place(name, number)
@@ -242,7 +243,7 @@ def opened(
         if "sweep.json" in files:
             there = _identity(folder)
             _refuse_another(folder, there, described)
-            described = there  # its lines of the index are marked with this
+            described = there  # the mark of its lines in the index
         elif any(not name.startswith(_NEW) for name in files):
             raise ValueError(
                 f"{folder} holds files that are not of a sweep: name a folder that is new or empty"
@@ -263,7 +264,7 @@ def opened(
 
 
 def reopened(folder: Path) -> tuple[ResultFolder, dict[str, Any], Cases]:
-    """The folder of some sweep, what sweep it is, and its cases."""
+    """The folder of any sweep, the identity of this sweep, and its cases."""
     identity, cases = _identity(folder), _cases(folder)
     if identity["format"] != _FORMAT:
         raise ValueError(
@@ -280,7 +281,8 @@ def reopened(folder: Path) -> tuple[ResultFolder, dict[str, Any], Cases]:
 
 
 def _readable(folder: Path, name: str, described: str) -> np.dtype:
-    """The type of a result by its description, which once was none for types beyond NumPy's."""
+    """The type of a result from its description; earlier versions had none for types beyond those
+    of NumPy."""
     with contextlib.suppress(TypeError):
         dtype = np.dtype(described)
         if dtype.kind in "biufc":
@@ -311,7 +313,7 @@ def _digest(identity: dict[str, Any]) -> str:
 
 
 def _refuse_another(folder: Path, there: dict[str, Any], here: dict[str, Any]) -> None:
-    # As texts: the order of parameters and of dimensions matters.
+    # Compared as texts, since the order of parameters and dimensions matters.
     names = [name for name in {**here, **there} if name not in INFORMATION]
     both = {name: [json.dumps(one.get(name)) for one in (there, here)] for name in names}
     other = {name: texts for name, texts in both.items() if texts[0] != texts[1]}
@@ -332,7 +334,7 @@ def _cases(folder: Path) -> Cases | None:
             of_list = {n[5:]: file[n] for n in file.files if n.startswith("list:")}
     except PermissionError:
         raise
-    except Exception:  # whatever NumPy, zipfile and zlib say of a file that is damaged
+    except Exception:  # errors of NumPy, zipfile and zlib for damaged files
         return None
     return Cases(axes, of_list or None)
 
@@ -342,8 +344,9 @@ def _whole(cases: Cases | None, identity: dict[str, Any]) -> bool:
 
 
 def _replace(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all."""
-    new = path.with_name(f"{_NEW}{path.name}.{os.urandom(8).hex()}")  # others may write it, too
+    """Write a file whole or not at all, by renaming."""
+    # A unique name, since others may write it, too.
+    new = path.with_name(f"{_NEW}{path.name}.{os.urandom(8).hex()}")
     with open(new, "wb") as file:
         file.write(data)
         file.flush()

@@ -98,7 +98,7 @@ def sweep(
 def _checked(
     function: Any, cases: Any, chunk: Any, devices: Any, executor: Any, folder: Any, dims: Any
 ) -> "_Job":
-    """The arguments of `sweep`, or an error that says which is malformed."""
+    """The arguments of `sweep`, checked and converted; raises for those that are malformed."""
     if not callable(function):
         raise TypeError(f"function must take parameters by name, got {type(function).__name__}")
     refuse_traced(function)
@@ -125,19 +125,19 @@ def _checked(
 
 
 class _Job(NamedTuple):
-    """A sweep to be done: its function, its cases, who computes them, and where results are
+    """A sweep to be run: its function, its cases, devices or an executor, and where results are
     kept."""
 
     function: Callable[..., Any]
     cases: Cases
     chunk: int
     devices: tuple[jax.Device | None, ...]
-    executor: Any  # in place of devices, unless it is None
+    executor: Any  # executor in the place of devices; None: devices are used
     folder: Path | None
     dims: Dims
 
     def begin(self) -> tuple[dict[str, Spec], Memory | ResultFolder]:
-        """The results that one case gives, and the place for them."""
+        """The specs of results of one case, and the store for results."""
         cases, chunk = self.cases, self.chunk
         with _lowered_for(self.devices[0]):
             first = jax.device_put(cases.at(np.arange(chunk)))
@@ -154,7 +154,7 @@ class _Job(NamedTuple):
     def run(
         self, specs: Mapping[str, Spec], store: Memory | ResultFolder, progress: bool | None
     ) -> None:
-        """Fill the store with the chunks that are missing."""
+        """Compute the chunks that are missing in the store."""
         missing = store.missing()
         report = _Progress(sum(map(store.length, missing)), progress)
         what = Work(self.function, specs, self.chunk), self.columns, missing
@@ -169,14 +169,14 @@ class _Job(NamedTuple):
         report.end()
 
     def columns(self, number: int) -> Columns:
-        """Parameters of the cases in a chunk."""
+        """Parameters of the cases in the chunk of this number."""
         start = number * self.chunk
         return self.cases.at(np.arange(start, min(start + self.chunk, len(self.cases))))
 
 
 def _lowered_for(device: jax.Device | None) -> contextlib.AbstractContextManager[Any]:
-    """A block in which programs are lowered for another platform than the default one; they do not
-    name a device."""
+    """A block in which programs are lowered for the platform of a device, not for the default
+    one."""
     if device is None or device.platform == jax.default_backend():
         return contextlib.nullcontext()
     return jax.default_device(device)
@@ -195,8 +195,8 @@ def _specs(function: Callable[..., Any], columns: dict[str, jax.Array]) -> dict[
 
 
 def _kept_as(name: str, dtype: Any) -> np.dtype:
-    """The type of a result in NumPy, which has none of its own for bfloat16, float8 and int4: the
-    shortest one that holds the same numbers."""
+    """The type in which NumPy keeps a result: bfloat16, float8 and int4, which it has not, become
+    the shortest type that holds the same numbers."""
     if isinstance(dtype, np.dtype) and dtype.isbuiltin == 1:
         return dtype
     wider = {jnp.floating: np.float32, jnp.signedinteger: np.int8, jnp.unsignedinteger: np.uint8}

@@ -16,7 +16,7 @@ from jaxbeam._status import Status
 from jaxbeam._sweeps.cases import Cases
 from jaxbeam._sweeps.store import reopened
 
-_LINES = 4096  # of a CSV file that are made at once
+_LINES = 4096  # lines of a CSV file that are formatted at a time
 
 
 @dataclasses.dataclass(frozen=True, eq=False)  # arrays are not compared
@@ -80,7 +80,7 @@ class Table:
                 keep &= column <= wanted.stop + slack
             index: Any = np.flatnonzero(keep)
         elif isinstance(wanted, list) or type(wanted) is tuple or bool(getattr(wanted, "ndim", 0)):
-            # A Label, which is a tuple of a type of its own, is one name.
+            # A `Label`, which is a tuple, counts as one name.
             found = [_find(name, column, w) for w in wanted]
             index = np.concatenate(found) if found else np.zeros(0, int)
         else:
@@ -117,7 +117,7 @@ class Table:
         )
 
     def _moved(self, dim: str, index: Any) -> dict[int, str]:
-        """Messages under the flat case numbers of the part that is taken."""
+        """Messages by flat case number within the part of the table that is selected."""
         dims = self.dims["status"]
         if not self.errors or dim not in dims:
             return self.errors
@@ -171,10 +171,10 @@ class Table:
                     errors={int(i): text for i, text in meta["errors"].items()},
                 )
         except OSError as error:
-            if error.errno is not None:  # the file is missing, or may not be read
+            if error.errno is not None:  # the file is missing or may not be read
                 raise
             raise ValueError(f"{path} is not a table: Table.save did not write it") from error
-        except Exception as error:  # whatever NumPy, zipfile and zlib say of another file
+        except Exception as error:  # errors of NumPy, zipfile and zlib for files that are no tables
             raise ValueError(f"{path} is not a table: Table.save did not write it") from error
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
@@ -184,7 +184,8 @@ class Table:
         """
         lead = self.dims["status"]
         shape = self.values["status"].shape
-        columns: dict[str, Callable[[slice], np.ndarray]] = {}  # of a block of lines
+        # Functions from a block of lines to the values of a column there.
+        columns: dict[str, Callable[[slice], np.ndarray]] = {}
         for place, dim in enumerate(lead):
             columns[dim] = functools.partial(_along, self.coords[dim], place, shape)
         for name, value in self.values.items():
@@ -222,13 +223,13 @@ class Table:
 
 
 def _along(axis: np.ndarray, place: int, shape: tuple[int, ...], lines: slice) -> np.ndarray:
-    """Coordinates of cases along the dimension at this place."""
+    """Coordinates of cases along the dimension at this place, for a slice of cases."""
     return axis[np.unravel_index(np.arange(lines.start, lines.stop), shape)[place]]
 
 
 def _slack(column: np.ndarray) -> float:
-    """The distance by which a number may miss a coordinate: 1e-9 of the smallest distance between
-    two."""
+    """The distance by which a number may miss a coordinate of an axis: 1e-9 of the smallest
+    distance of two."""
     gaps = np.diff(np.unique(column[np.isfinite(column)]))
     scale = float(gaps.min()) if gaps.size else float(np.abs(column[:1]).max(initial=0.0))
     return 1e-9 * scale
@@ -298,7 +299,7 @@ def as_table(
     errors: dict[int, str],
     extra: Mapping[str, Mapping[str, Sequence[Any]]],
 ) -> Table:
-    """Results of all cases, in their order and with their status, as a table."""
+    """Results of all cases with their status, as a `Table`."""
     dims, coords = layout(cases, {name: v.shape[1:] for name, v in results.items()}, extra)
     shape = tuple(len(axis) for axis in cases.axes.values())
     values = dict(cases.of_list or {})
@@ -307,7 +308,8 @@ def as_table(
 
 
 def coordinate(dim: str, given: Sequence[Any]) -> np.ndarray:
-    """Numbers as they are, anything else (labels of modes, say) by its text."""
+    """Coordinates of a dimension: numbers as they are, others, such as labels of modes, as
+    texts."""
     numbers = all(isinstance(g, int | float | np.number) for g in given)
     column = np.asarray(given) if numbers else np.asarray([str(g) for g in given])
     if column.ndim != 1:

@@ -34,16 +34,17 @@ from jaxbeam._sweeps.cases import grid
 from jaxbeam._sweeps.sweep import sweep
 from jaxbeam._types import Scalar
 
-_APART = 1e-6  # of a frequency: modes that are nearer have shapes that say nothing
-_MORE = 4  # modes that are looked at first beside twice those wanted
+# Relative distance of two frequencies below which shapes of the modes are arbitrary mixtures.
+_APART = 1e-6
+_MORE = 4  # modes computed at first, beyond twice those wanted
 
 
 def along_branches(
     model: AbstractModel, rotor: Rotor, conditions: Conditions | None, speeds: np.ndarray,
     labels: tuple[Label, ...],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Frequencies (speeds, labels) of the branches that bear these labels at the slowest speed, and
-    the status of each speed."""
+    """Frequencies (speeds, labels) along the branches whose modes have these labels at the slowest
+    speed, and the status of each speed."""
     total = len(model.directions)
     count = min(2 * len(labels) + _MORE, total)
     while True:
@@ -59,8 +60,8 @@ def _case(
     model: AbstractModel, rotor: AnyRotor, wanted: Wanted, conditions: Conditions | None,
     *, angular_speed: Scalar,
 ) -> dict[str, Array]:  # fmt: skip
-    """The lowest modes at one speed, with the directions that are coupled with each, and whether
-    functions are too few for it, which of the highest does not matter."""
+    """The lowest modes at one speed, the directions that are coupled with each, and whether
+    functions are too few, which does not matter for the highest."""
     given, rotor, speed, held = guarded_conditions(model, rotor, angular_speed, conditions)
     system = system_of(model, rotor, speed, held)
     free = loose_motions(rotor)
@@ -87,7 +88,8 @@ def _case(
 def _joined(
     seen: dict[str, Any], speeds: np.ndarray, labels: tuple[Label, ...]
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Frequencies and status, out of the lowest modes at all speeds, and whether these are too few.
+    """Frequencies and status by branch, from the lowest modes at all speeds, and whether there are
+    too few of these.
 
     Directions that are coupled at one speed are so at all but single ones, such as zero.
     """
@@ -100,7 +102,7 @@ def _joined(
     linked = np.linalg.matrix_power(coupled.T @ coupled + np.eye(len(Direction)), 4) > 0
     group = np.argmax(linked, 1)[seen["direction"]]
     same = group[:, :, None] == group[:, None]
-    rank = np.sum(np.tril(same, -1), 2)  # frequencies come in order
+    rank = np.sum(np.tril(same, -1), 2)  # ranks, since frequencies are in order
     place = group * rank.shape[1] + rank
     first = _clear(seen["frequency"], same, fine[np.argsort(speeds[fine])])
     wanted = np.array(labels)
@@ -123,8 +125,8 @@ def _joined(
 
 
 def _clear(frequency: np.ndarray, same: np.ndarray, order: np.ndarray) -> int:
-    """The first of the speeds in this order at which modes that are coupled are apart, so that
-    their labels say something; else the first of all."""
+    """The first of the speeds, in this order, at which modes that are coupled are apart, so that
+    labels are certain; else the first."""
     for i in order:
         near = np.abs(frequency[i][:, None] - frequency[i]) <= _APART * frequency[i]
         if np.sum(near & same[i]) == len(near):

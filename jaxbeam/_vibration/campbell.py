@@ -27,7 +27,7 @@ from jaxbeam._types import Scalar
 from jaxbeam._vibration.branches import along_branches
 from jaxbeam._vibration.crossing import Crossing, crossing
 
-_CLOSER = 17  # speeds of the closer look at an interval in which a label jumps
+_CLOSER = 17  # number of speeds at which an interval where a label jumps is looked at again
 
 
 class Campbell(InHertz, eqx.Module):
@@ -106,8 +106,8 @@ class Campbell(InHertz, eqx.Module):
         return sorted(found, key=lambda crossing: crossing.angular_speed)
 
     def _crossings(self, harmonics: list[float], closer: bool) -> list[Crossing]:
-        """The crossings, in any order; if asked to, from a closer look where a label jumps over a
-        line: it may come back to it between the same two speeds."""
+        """The crossings, in any order; with `closer` intervals in which a label jumps over a line
+        are looked at with more speeds, since it may come back within one."""
         found: dict[tuple[tuple[float, float], float], list[Crossing]] = {}
         jumped = []
         for column, label in enumerate(self.labels):
@@ -117,7 +117,7 @@ class Campbell(InHertz, eqx.Module):
             there = there[order]
             growing = self.table["growth_rate"][there, column] > 0
             for harmonic in harmonics:
-                # A gap that is zero at rest, in divergence, is no resonance.
+                # Divergence, with a gap of zero at rest, is no resonance.
                 gap = np.where(growing, np.nan, frequency[there] - harmonic * np.abs(speed))
                 # A root on a sample counts once, for the interval that it begins.
                 change = (gap[:-1] * gap[1:] < 0) | (gap[:-1] == 0)

@@ -23,8 +23,8 @@ from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Real, Scalar, is_concrete
 
-# Of the frequency: less than that is no gap of a veering but rounding, as of rods that are stiff
-# axially beside their bending.
+# Share of the frequency below which a gap of a veering counts as rounding, as of rods whose axial
+# is much larger than their bending stiffness.
 _JUMP = 1e-6
 
 
@@ -109,7 +109,7 @@ def _crossing(
         return gap_and_status(speed)[0]
 
     def regular(speed: Scalar) -> Scalar:
-        """The function `gap`; in a case that failed, a function that has a slope."""
+        """The function `gap`, or in a case that failed any function with a slope."""
         value, status = gap_and_status(speed)
         return jnp.where(status == Status.OK, value, speed)
 
@@ -142,7 +142,7 @@ def _crossing(
 
     middle = (low + high) / 2
     speed = jax.lax.custom_root(regular, middle, search, lambda g, y: y / g(jnp.ones_like(y)))
-    # Bisection also ends at a jump, where a label changes branch: the gap says which it was.
+    # Bisection also ends at a jump, where a label changes branch: the gap there tells.
     miss = jnp.abs(gap(jax.lax.stop_gradient(speed)))
     ok &= miss <= _JUMP * jnp.abs(harmonic * speed)
     status = first_failure(status, first_broken((ok, Status.NO_CROSSING)))

@@ -85,7 +85,7 @@ def reduction(
 
 @Program
 def _of_blades(model: SpatialRod, rotor: Rotor, count: int) -> Float[Array, "v k"]:
-    """Frequencies of the blade, and of those from which something is left out."""
+    """Frequencies of the blade, and of each simplified blade of `WITHOUT`."""
     _, rotor, _ = guarded(rotor, jnp.zeros(()))
     blade: Any = rotor.beam
     every = [blade, *(without(blade) for without in WITHOUT.values())]
@@ -107,7 +107,7 @@ def _of_beam(model: SpatialRod, rotor: Rotor, count: int) -> Float[Array, " k"]:
 
 
 def _lowest(model: SpatialRod, rotor: Rotor, count: int) -> Float[Array, " k"]:
-    """Frequencies about the undeformed rod at rest."""
+    """The lowest frequencies of a blade at rest, about the undeformed rod."""
     equations = model.suited(rotor).equations(rotor)
     elastic = equations.damping_matrix_about(
         equations.rest, Drag(stiffness_coefficient=jnp.ones(()))

@@ -25,7 +25,9 @@ from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Matrix, Real, Scalar
 
-_CLOSE = 3e-6  # to rest, over the frequency scale: rounding of axial motion grows towards it
+# Speed, over the frequency scale, that stands for rest: rounding of axial motion grows towards
+# zero.
+_CLOSE = 3e-6
 
 
 class Southwell(eqx.Module):
@@ -78,8 +80,8 @@ def _southwell(
         found = find(model, rotor, omega, wanted, conditions=conditions)
         return -(found.eigenvalue**2).real, found
 
-    # At rest the quotient is 0 / 0. It is even in speed, so that this near rest it is right to
-    # 1e-11 of the difference that speeds make, and so are its derivatives.
+    # At rest the quotient is 0 / 0. It is even in speed, so that at a speed near zero it and its
+    # derivatives are right to 1e-11 of their change with speed.
     moving, moves = _near(speed, _CLOSE * without_derivatives(rotor).frequency_scale)
     _, slope, found = jax.jvp(square, (moving,), (jnp.ones_like(speed),), has_aux=True)
     status = found.status
@@ -87,7 +89,7 @@ def _southwell(
         slope = jnp.where(
             found.eigenvalue == 0, _swinging(model, rotor, moving, found, conditions), slope
         )
-    # NaN would end up in gradients by parameters that cases of a batch share.
+    # NaN would come into gradients by parameters that cases of a batch share.
     result = jnp.where(status == Status.OK, slope, 0.0) / (2 * jnp.where(moves, moving, 1.0))
     finite = moves & jnp.all(jnp.isfinite(result))
     status = first_failure(given, status, first_broken((finite, Status.NOT_FINITE)))
@@ -98,21 +100,22 @@ def _swinging(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, found: Modes,
     conditions: Conditions | None,
 ) -> Float[Array, " k"]:  # fmt: skip
-    """The derivative d(omega^2) / d Omega of modes whose frequency is zero to within rounding: free
-    hinges at rest, where there are no Coriolis forces, and for lag in the axis, which do not
-    stiffen."""
+    """The derivative d(omega^2) / d Omega of modes whose frequency is zero to rounding: those of
+    free hinges at rest, and of lag on a hinge in the axis of rotation, which does not stiffen."""
 
     def stiffness(omega: Scalar) -> Matrix:
         return system_of(model, rotor, omega, conditions).stiffness
 
     _, rate = jax.jvp(stiffness, (speed,), (jnp.ones_like(speed),))
-    return jnp.sum(found.shape.conj() * (found.shape @ rate.T), 1).real  # of unit modal mass
+    # Shapes are of unit modal mass.
+    return jnp.sum(found.shape.conj() * (found.shape @ rate.T), 1).real
 
 
 def _near(speed: Scalar, close: Scalar) -> tuple[Scalar, Bool[Array, ""]]:
-    """The speed (speed^2 + close^2)^1/2, and whether there is one: else `close`, which comes from
-    numbers that need not fit together, is beyond the floats, and the speed itself is returned."""
-    larger = without_derivatives(jnp.maximum(jnp.abs(speed), close))  # its square may be infinite
+    """The speed (speed^2 + close^2)^1/2, and true; or the speed itself and false where `close`
+    overflows."""
+    # Scaled, since the square may overflow.
+    larger = without_derivatives(jnp.maximum(jnp.abs(speed), close))
     exists = jnp.isfinite(larger) & (larger > 0)
     unit, x, y = (jnp.where(exists, a, 1.0) for a in (larger, speed, close))
     return jnp.where(exists, unit * jnp.sqrt((x / unit) ** 2 + (y / unit) ** 2), speed), exists

@@ -21,11 +21,11 @@ from jaxbeam._rotor.directions import loose_motions
 from jaxbeam._status import Status, first_broken, first_failure
 from jaxbeam._types import Code, Real, Scalar, Vector
 
-_SHEAR = 3.1  # E / (kappa G)
+_SHEAR = 3.1  # E / (kappa G) of a solid section of metal
 
 
 def _bending(rotor: Rotor) -> Hybrid:
-    """The model of bending in the plane alone."""
+    """The model of in-plane bending alone for a rotor."""
     return Hybrid(0, 14, 0).suited(rotor)
 
 
@@ -77,21 +77,21 @@ def _ratio(rotor: Rotor, speed: Scalar) -> StiffeningRatio:
 
 
 def stiffening_of(phi: Vector, rotor: Rotor, speed: Scalar) -> Scalar:
-    """`stiffening_ratio` where the first mode is known and all is in range."""
+    """The `stiffening_ratio` of a case in range, from its first mode at rest."""
     equations = _bending(rotor).equations(rotor)
     motion = phi @ equations.motion_stiffness(jnp.zeros_like(speed), speed**2, None) @ phi
     return motion / (2 * equations.strain_energy(phi))
 
 
 def bending_at_rest(rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
-    """Frequencies in plane (rad/s) and modes as rows, lowest first: `find` without labels and
-    derivatives, and a program a fifth as large."""
+    """Frequencies in plane at rest (rad/s), and modes as rows, lowest first, without labels and
+    derivatives: a program a fifth as large as `find`."""
     square, shape = _at_rest(_bending(rotor), rotor)
     return jnp.sqrt(jnp.maximum(square, 0.0)), shape
 
 
 def _at_rest(model: Hybrid, rotor: Rotor) -> tuple[Vector, Float[Array, "k n"]]:
-    """Squares of frequencies, and modes."""
+    """Squares of frequencies at rest, and modes as rows."""
     system = model.matrices(rotor, jnp.zeros_like(rotor.hub_radius))
     shape = symmetric_modes(system.mass, system.stiffness, loose_motions(rotor))
     return jnp.sum((shape @ system.stiffness) * shape, axis=1), shape

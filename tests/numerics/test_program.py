@@ -31,10 +31,10 @@ def test_first_calls_are_compiled_quickly():
     x, double = jnp.asarray(3.0), lambda x: 2 * x
     assert scaled.quick is not scaled.well
     for kind in ((x, double), (x[None], double), (x, jnp.sin)):
-        taken = [scaled.here(*kind) for _ in range(CALLS + 2)]
+        taken = [scaled.for_call(*kind) for _ in range(CALLS + 2)]
         assert taken == [scaled.quick] * CALLS + [scaled.well] * 2
     assert scaled(x, double) == 6.0
-    assert Program(lambda x: x, calls=0).here(x) is not None
+    assert Program(lambda x: x, calls=0).for_call(x) is not None
 
 
 @pytest.mark.release
@@ -46,7 +46,7 @@ def test_a_call_within_another_program_is_a_part_of_it():
         return x**2
 
     def asked(x):
-        seen.append(squared.here(x))
+        seen.append(squared.for_call(x))
         return squared(x)
 
     x = jnp.asarray(3.0)

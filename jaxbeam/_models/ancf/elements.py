@@ -2,17 +2,17 @@
 
 An element has the displacement and slope of its two nodes, across and along the beam. Inertia is
 that of any beam on a moving hub (see `cartesian.py`), element by element, with the constant mass
-matrix H = int N N^T; elastic forces do not care in which frame they are written, and are those of
+matrix H = int N N^T; elastic forces, which are the same in any frame, are those of
 `_models/ancf/energies.py`. Coordinates go node by node, (w, L w', u, L u'), so that all matrices
 are block-tridiagonal; of the clamped node only the last is free (B eqs. 18-20): 4 n + 1 coordinates
 for n elements, all in metres. Where the root yields L w' of the first node is one more, before L
 u'.
 
-Mass and law of elements, one for all of a uniform beam and one for each where properties vary, are
+Mass and law of elements, one for a uniform beam and one for each element where properties vary, are
 those of `sections.py`.
 
-Vectors have their components in the order a2, a1, and any array may have further axes, of lanes,
-behind those it is said to have (see `kernel`).
+Vectors have their components in the order a2, a1, and any array may have axes of lanes behind all
+others (see `kernel`).
 
 B is the paper of `_models/contract/__init__.py`.
 """
@@ -35,7 +35,7 @@ from jaxbeam._models.ancf.nodes import (
     PlanarNodes,
     assembled,
     constant,
-    of_elements,
+    element_values,
     on_ends,
     quarter_turned,
 )
@@ -58,8 +58,8 @@ Law = Element | Parts
 class ElementEquations(Equations):
     """Elements of any theory on a moving hub, with a mass at the tip.
 
-    The plane's fields r, r' and r'' are all fields of these elements, rigid rotation included. So
-    inertia forces are the mass matrix of all nodes, the clamped one too, times the nodal values of
+    Elements can represent any rigid rotation. So the field of accelerations is one of nodal values,
+    and inertia forces are the mass matrix of all nodes, the clamped one too, times those of
 
         q'' + a_O - omega^2 r + (omega' r + 2 omega r' turned by a right angle),   r = X a1 + u.
     """
@@ -70,9 +70,9 @@ class ElementEquations(Equations):
     tip_radius: Number
     energy_scale: Number
     skew_mass: BlockTridiagonal  # M times a turn by a right angle
-    straight: PlanarNodes  # of X a1
+    straight: PlanarNodes  # nodal values of X a1, the undeformed beam
     tip_mass: Number
-    tip_body: Float[Array, "2 2 *lanes"] | None
+    tip_body: Float[Array, "2 2 *lanes"] | None  # mass matrix by r and L r'; None: a point
     sections: Sections
     ends: PlanarEnds
     yields: bool = eqx.field(static=True)  # whether the slope at the root is a coordinate
@@ -103,7 +103,7 @@ class ElementEquations(Equations):
 
     @property
     def element(self) -> Element:
-        """The law of each element, or one law for all."""
+        """The law of the elements: one, or where properties vary one with arrays for each."""
         return self.sections.law
 
     @property
@@ -112,7 +112,8 @@ class ElementEquations(Equations):
         return self.sections.axial_stiffness
 
     def _inertial(self, matrix: np.ndarray) -> BlockTridiagonal:
-        """Mass matrix times `matrix`."""
+        """The mass matrix int N (matrix N)^T dm of elements and tip, for a constant `matrix` (2, 2)
+        of components."""
         lanes = self.tip_mass.ndim
         rows = self.sections.inertial(matrix, lanes)
         if self.tip_body is None:
@@ -130,15 +131,17 @@ class ElementEquations(Equations):
         field = quarter_turned(rate * place + 2 * spin * self._nodes(v)) - spin**2 * place
         field = field + constant(hub.acceleration)
 
-        def one(law: Law, mass: Array, local: Array, field: Array) -> Array:
-            return self._elastic(law, local) + self.sections.weighed(mass, field)
+        def element_force(law: Law, mass: Array, local: Array, field: Array) -> Array:
+            return self._elastic(law, local) + self.sections.mass_product(mass, field)
 
-        own = self.sections.by_element(one, of_elements(self._nodes(q)), of_elements(field))
-        at_tip = self._borne(field[-1])
+        forces = self.sections.by_element(
+            element_force, element_values(self._nodes(q)), element_values(field)
+        )
+        at_tip = self._tip_mass_product(field[-1])
         if tip_force is not None:
             at_tip = at_tip - constant(tip_force)[0]
         at_tip = at_tip[:, 0] if self.tip_body is None else at_tip
-        return -self._gathered(own, at_tip, self._at_ends(self.ends.force, q))
+        return -self._assembled_force(forces, at_tip, self._at_ends(self.ends.force, q))
 
     def tangents(
         self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None
@@ -151,55 +154,55 @@ class ElementEquations(Equations):
         return ElementSpanIntegral.of(self, self.element.n_elements, kinks)
 
     def elastic_tangent(self, q: Vector) -> BlockTridiagonal:
-        def one(law: Law, _: Array, local: Array) -> Array:
+        def element_tangent(law: Law, _: Array, local: Array) -> Array:
             return self._by_local(law.tangent(self._gradients(local)))
 
-        own = self.sections.by_element(one, of_elements(self._nodes(q)))
-        return self._gathered_tangent(own, self._at_ends(self.ends.tangent, q))
+        tangents = self.sections.by_element(element_tangent, element_values(self._nodes(q)))
+        return self._assembled_tangent(tangents, self._at_ends(self.ends.tangent, q))
 
     def elastic_force(self, q: Vector) -> Vector:
-        own = self.sections.by_element(
-            lambda law, _, local: self._elastic(law, local), of_elements(self._nodes(q))
+        forces = self.sections.by_element(
+            lambda law, _, local: self._elastic(law, local), element_values(self._nodes(q))
         )
-        none = jnp.zeros_like(own[-1, :, 0])
-        return self._gathered(own, none, self._at_ends(self.ends.force, q))
+        zero = jnp.zeros_like(forces[-1, :, 0])
+        return self._assembled_force(forces, zero, self._at_ends(self.ends.force, q))
 
     def viscous_force(self, q: Vector, v: Vector) -> Vector:
-        def one(law: Law, _: Array, local: Array, rate: Array) -> Array:
+        def element_force(law: Law, _: Array, local: Array, rate: Array) -> Array:
             force = law.viscous(self._gradients(local), self._gradients(rate))
             return on_ends(self.element.n_elements, self.axial_stiffness * force)
 
-        own = self.sections.by_element(
-            one, of_elements(self._nodes(q)), of_elements(self._nodes(v))
+        forces = self.sections.by_element(
+            element_force, element_values(self._nodes(q)), element_values(self._nodes(v))
         )
-        none = jnp.zeros_like(own[-1, :, 0])
-        return self._gathered(own, none, self._at_ends(self.ends.viscous, q, v))
+        zero = jnp.zeros_like(forces[-1, :, 0])
+        return self._assembled_force(forces, zero, self._at_ends(self.ends.viscous, q, v))
 
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[BlockTridiagonal, BlockTridiagonal]:
-        def one(law: Law, _: Array, local: Array, rate: Array) -> Array:
-            both = law.viscous_tangents(self._gradients(local), self._gradients(rate))
-            return jnp.stack([self._by_local(tangent) for tangent in both])
+        def element_tangents(law: Law, _: Array, local: Array, rate: Array) -> Array:
+            by_e_and_rate = law.viscous_tangents(self._gradients(local), self._gradients(rate))
+            return jnp.stack([self._by_local(tangent) for tangent in by_e_and_rate])
 
-        own = self.sections.by_element(
-            one, of_elements(self._nodes(q)), of_elements(self._nodes(v))
+        tangents = self.sections.by_element(
+            element_tangents, element_values(self._nodes(q)), element_values(self._nodes(v))
         )
         ends = self._at_ends(self.ends.viscous_tangents, q, v) or (None, None)
-        by_q, by_v = (self._gathered_tangent(own[:, i], ends[i]) for i in (0, 1))
+        by_q, by_v = (self._assembled_tangent(tangents[:, i], ends[i]) for i in (0, 1))
         return by_q, by_v
 
     def damper_force(self, q: Vector, v: Vector, dampers: Dampers) -> Vector:
-        none, ends = jnp.zeros_like(of_elements(self._nodes(q))), self.ends.damped_by(dampers)
-        return self._gathered(none, none[-1, :, 0], self._at_ends(ends.viscous, q, v))
+        zero, ends = jnp.zeros_like(element_values(self._nodes(q))), self.ends.damped_by(dampers)
+        return self._assembled_force(zero, zero[-1, :, 0], self._at_ends(ends.viscous, q, v))
 
     def damper_tangents(
         self, q: Vector, v: Vector, dampers: Dampers
     ) -> tuple[BlockTridiagonal, BlockTridiagonal]:
-        by = self._at_ends(self.ends.damped_by(dampers).viscous_tangents, q, v)
-        by_q, by_v = (self._gathered_tangent(None, each) for each in by)
+        tangents = self._at_ends(self.ends.damped_by(dampers).viscous_tangents, q, v)
+        by_q, by_v = (self._assembled_tangent(None, each) for each in tangents)
         return by_q, by_v
 
     def _by_local(self, tangent: Float[Array, "2 3 2 3 *lanes"]) -> Array:
-        """The tangent by an element's coordinates (2, 4, 2, 4) from the tangent of its law by
+        """The tangent of an element by its coordinates, (2, 4, 2, 4), from that of its law by
         gradients."""
         n = self.element.n_elements
         tangent = self.axial_stiffness / self.length * tangent
@@ -213,15 +216,16 @@ class ElementEquations(Equations):
         force = self.axial_stiffness * force
         return on_ends(self.element.n_elements, force)
 
-    def _borne(self, field: Float[Array, "2 2 *lanes"]) -> Float[Array, "2 2 *lanes"]:
-        """Mass matrix at the tip times a field there; of a point only values count."""
+    def _tip_mass_product(self, field: Float[Array, "2 2 *lanes"]) -> Float[Array, "2 2 *lanes"]:
+        """The mass matrix of the tip times nodal values of a field there; a point mass multiplies
+        slopes too, which the caller drops."""
         if self.tip_body is None:
             return self.tip_mass * field
         return sum_of_products(self.tip_body[None], field[:, None], 2, field.ndim - 2)
 
     def strain_energy(self, q: Vector) -> Number:
         each = self.sections.by_element(
-            lambda law, _, local: law.energy(self._gradients(local)), of_elements(self._nodes(q))
+            lambda law, _, local: law.energy(self._gradients(local)), element_values(self._nodes(q))
         )
         energy = pairwise_sum(each)
         energy = self.axial_stiffness * self.length * energy
@@ -233,10 +237,11 @@ class ElementEquations(Equations):
         return self.elastic_force(q) - gradient_of(self.strain_energy)(q)
 
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
-        """int |a + b|^2 - |a|^2 dm / 2, a = v + omega x X a1 and b = omega x u + u'."""
-        own = self._nodes(v) + spin[2] * quarter_turned(self._nodes(q))
-        carried = spin[2] * quarter_turned(self.straight) + constant(velocity)
-        return self._product(own, own / 2 + carried)
+        """Kinetic energy less that of the rigid beam, int |a + b|^2 - |a|^2 dm / 2, with
+        a = v + omega x X a1 and b = omega x u + u'."""
+        relative = self._nodes(v) + spin[2] * quarter_turned(self._nodes(q))
+        straight_velocity = spin[2] * quarter_turned(self.straight) + constant(velocity)
+        return self._product(relative, relative / 2 + straight_velocity)
 
     def first_moment(self, q: Vector) -> Triple:
         nodes, axes = self._nodes(q), jnp.eye(3, dtype=q.dtype)
@@ -249,23 +254,23 @@ class ElementEquations(Equations):
         return jnp.stack([along, across, jnp.zeros_like(along)])
 
     def _product(self, a: PlanarNodes, b: PlanarNodes) -> Number:
-        """int a . b dm of two fields."""
-        weighed = self.sections.by_element(
-            lambda _, mass, field: self.sections.weighed(mass, field), of_elements(b)
+        """The integral int a . b dm of two fields, by their nodal values."""
+        forces = self.sections.by_element(
+            lambda _, mass, field: self.sections.mass_product(mass, field), element_values(b)
         )
-        own = of_elements(a) * weighed
-        own = pairwise_sum(own.reshape(-1, *own.shape[3:]))
+        products = element_values(a) * forces
+        products = pairwise_sum(products.reshape(-1, *products.shape[3:]))
         if self.tip_body is None:
-            return own + self.tip_mass * pairwise_sum(a[-1, :, 0] * b[-1, :, 0])
-        at_tip = a[-1] * self._borne(b[-1])
-        return own + pairwise_sum(at_tip.reshape(4, *at_tip.shape[2:]))
+            return products + self.tip_mass * pairwise_sum(a[-1, :, 0] * b[-1, :, 0])
+        at_tip = a[-1] * self._tip_mass_product(b[-1])
+        return products + pairwise_sum(at_tip.reshape(4, *at_tip.shape[2:]))
 
     def tip(self, q: Vector) -> Triple:
         return jnp.stack([q[-2], q[-4], jnp.zeros_like(q[-1])])
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
-        """Displacement by the cubic in the element where a point is."""
-        shapes, local = self._around(q, xi)
+        """Displacement of the points x = `xi` L, by the cubics of the elements that they are in."""
+        shapes, local = self._at_points(q, xi)
         across, along = jnp.sum(shapes.value * local, 2)
         return jnp.stack([along, across, jnp.zeros_like(along)], 1)
 
@@ -274,7 +279,7 @@ class ElementEquations(Equations):
 
     def gradient(self, q: Vector, xi: np.ndarray) -> Float[Array, "2 p"]:
         """Displacement gradient d = r' - a1 at x = xi L."""
-        shapes, local = self._around(q, xi)
+        shapes, local = self._at_points(q, xi)
         return jnp.sum(shapes.slope * local, 2) / self.length
 
     def direction(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
@@ -282,46 +287,48 @@ class ElementEquations(Equations):
         return jnp.stack([1 + along, across, jnp.zeros_like(along)], 1)
 
     def is_unfolded(self, q: Vector) -> Array:
-        """Whether no half of an element turns by a right angle, the clamp included, which holds
-        across the beam alone."""
+        """Whether the tangent turns by less than a right angle over every half of an element, and
+        from the direction of the clamp, if the root does not yield, to the tangent there."""
         xi = np.linspace(0.0, 1.0, 2 * self.element.n_elements + 1)
-        along = self.direction(q, xi)
-        clamp = along[:1] if self.yields else np.array([[1.0, 0.0, 0.0]])
-        before = jnp.concatenate([clamp, along[:-1]])
-        return jnp.all(jnp.sum(before * along, 1) > 0)
+        tangents = self.direction(q, xi)
+        clamp = tangents[:1] if self.yields else np.array([[1.0, 0.0, 0.0]])
+        before = jnp.concatenate([clamp, tangents[:-1]])
+        return jnp.all(jnp.sum(before * tangents, 1) > 0)
 
     @property
     def pieces(self) -> tuple[float, ...]:
         return tuple(np.linspace(0.0, 1.0, self.element.n_elements + 1).tolist())
 
     def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
-        shapes, local = self._around(q, xi)
+        shapes, local = self._at_points(q, xi)
         rate, other = jnp.sum(shapes.curvature * local, 2) / self.length**2
         across, along = self.gradient(q, xi)
         along = 1 + along
         bend = (along * rate - across * other) / (along**2 + across**2)
         return jnp.stack([bend, jnp.zeros_like(bend)], 1)
 
-    def _around(self, q: Vector, xi: np.ndarray) -> tuple[Functions, Float[Array, "2 p 4"]]:
-        """Shapes at points, (1, p, 4), and coordinates of the elements where they are."""
+    def _at_points(self, q: Vector, xi: np.ndarray) -> tuple[Functions, Float[Array, "2 p 4"]]:
+        """Shape functions at points, (1, p, 4), and nodal values of the elements that these are
+        in."""
         xi, n = np.asarray(xi, float), self.element.n_elements
         index = np.clip((xi * n).astype(int), 0, n - 1)
         shapes = Functions(*(a[None] for a in hermite(xi * n - index, 1 / n)))
-        return shapes, of_elements(self._nodes(q))[index].swapaxes(0, 1)
+        return shapes, element_values(self._nodes(q))[index].swapaxes(0, 1)
 
     def _gradients(self, local: Float[Array, "2 4 *lanes"]) -> LocalGradients:
-        """Displacement gradient of an element at its first end, on average, at its last end."""
+        """Displacement gradient of an element at its first end, on its chord and at its last end,
+        from its nodal values."""
         chord = self.element.n_elements * (local[:, 2:3] - local[:, :1])
         return jnp.concatenate([local[:, 1:2], chord, local[:, 3:]], 1) / self.length
 
     def _nodes(self, q: Vector) -> PlanarNodes:
-        """Coordinates node by node, those of the clamped node included."""
+        """Nodal values of coordinates, with zeros for those that the root holds."""
         nodes = padded(q, self._absent, 0).reshape(-1, 2, 2, *q.shape[1:])
         return self._reordered(nodes)
 
     def _at_ends(self, function: Callable[..., Any], *q: Vector) -> Any:
-        """The result of a function of the displacement gradients at root and tip; None where
-        nothing is there."""
+        """The result of a function of the displacement gradients at root and tip, from
+        coordinates; None without springs at the ends."""
         if self.ends.are_plain:
             return None
         nodes = map(self._nodes, q)
@@ -332,57 +339,58 @@ class ElementEquations(Equations):
         return 2 if self.yields else 3
 
     def _reordered(self, nodes: PlanarNodes) -> PlanarNodes:
-        """Values in the order of nodes from that of coordinates, or back: where the root yields,
-        values of the first node come before its slopes, so that what is absent is at the
-        beginning."""
+        """Values in the order of nodes from that of coordinates, or back. Where the root yields,
+        coordinates have both values of the first node before its slopes, so that those that the
+        root holds come first."""
         if not self.yields:
             return nodes
         return jnp.concatenate([nodes[:1].swapaxes(1, 2), nodes[1:]])
 
     def _matrix(self, rows: Float[Array, "k 4 12 *lanes"]) -> BlockTridiagonal:
-        """The matrix in the order of coordinates, from rows in that of nodes."""
+        """The matrix in the order of coordinates, from rows of blocks in that of nodes."""
         if self.yields:
-            parts = rows.reshape(len(rows), 2, 2, 3, 2, 2, *rows.shape[3:])
-            first, second = parts[0].swapaxes(0, 1), parts[1]
-            own, beside_it = first[:, :, 1:2].swapaxes(3, 4), second[:, :, :1].swapaxes(3, 4)
-            first = jnp.concatenate([first[:, :, :1], own, first[:, :, 2:]], 2)
-            second = jnp.concatenate([beside_it, second[:, :, 1:]], 2)
-            parts = jnp.concatenate([first[None], second[None], parts[2:]])
-            rows = parts.reshape(rows.shape)
+            blocks = rows.reshape(len(rows), 2, 2, 3, 2, 2, *rows.shape[3:])
+            first, second = blocks[0].swapaxes(0, 1), blocks[1]
+            diagonal, below = first[:, :, 1:2].swapaxes(3, 4), second[:, :, :1].swapaxes(3, 4)
+            first = jnp.concatenate([first[:, :, :1], diagonal, first[:, :, 2:]], 2)
+            second = jnp.concatenate([below, second[:, :, 1:]], 2)
+            blocks = jnp.concatenate([first[None], second[None], blocks[2:]])
+            rows = blocks.reshape(rows.shape)
         return BlockTridiagonal(rows, absent=self._absent)
 
     def _at_node(self, i: int, block: Float[Array, "2 2 2 2 *lanes"]) -> Array:
-        """Rows (k, 4, 12, *lanes) that have a block at the first (0) or the last (-1) node."""
+        """Rows of blocks (k, 4, 12, *lanes) that are zero but for a diagonal block at the first
+        (i = 0) or the last (i = -1) node."""
         lanes, more = block.shape[4:], len(self.straight) - 1
         sides = ((0, 0), (4, 4), *((0, 0),) * len(lanes))
         row = jnp.pad(block.reshape(4, 4, *lanes), sides)[None]
         return padded(row, -i * more, (1 + i) * more)
 
-    def _gathered_tangent(
+    def _assembled_tangent(
         self, local: Float[Array, "E 2 4 2 4 *lanes"] | None,
         ends: Float[Array, "2 2 2 *lanes"] | None,
     ) -> BlockTridiagonal:  # fmt: skip
-        """Sum of the tangents of elements and of what is at the ends."""
+        """Sum of the tangents of elements and of springs at the ends, as one matrix."""
         rows: Any = 0.0 if local is None else assembled(local)
         if ends is not None:
-            none = ((0, 0),) * (ends.ndim - 3)
+            no_lanes = ((0, 0),) * (ends.ndim - 3)
             for i, slopes in zip((0, -1), ends / self.length**2, strict=True):
-                block = jnp.pad(slopes[:, None, :, None], (*((0, 0), (1, 0)) * 2, *none))
+                block = jnp.pad(slopes[:, None, :, None], (*((0, 0), (1, 0)) * 2, *no_lanes))
                 rows = rows + self._at_node(i, block)
         return self._matrix(rows)
 
-    def _gathered(
+    def _assembled_force(
         self, local: Float[Array, "E 2 4 *lanes"], at_tip: Array,
         ends: Float[Array, "2 2 *lanes"] | None,
     ) -> Vector:  # fmt: skip
-        """Sum of what elements do at nodes, of a force at the tip (2, *lanes), with the one on the
-        slope (2, 2, *lanes), and of what is at the ends."""
-        own = padded(local[:, :, :2], 0, 1) + padded(local[:, :, 2:], 1, 0)
+        """Sum of forces of elements on their nodes, of a force at the tip (2, *lanes), or with that
+        on the slope (2, 2, *lanes), and of springs at the ends, as a vector of coordinates."""
+        nodal = padded(local[:, :, :2], 0, 1) + padded(local[:, :, 2:], 1, 0)
         if at_tip.ndim == local.ndim - 2:
             at_tip = jnp.stack([at_tip, jnp.zeros_like(at_tip)], 1)
-        own = own + padded(at_tip[None], len(local), 0)
+        nodal = nodal + padded(at_tip[None], len(local), 0)
         if ends is not None:
             slopes = ends / self.length
             slopes = jnp.stack([jnp.zeros_like(slopes), slopes], 2)
-            own = own + padded(slopes[:1], 0, len(local)) + padded(slopes[1:], len(local), 0)
-        return self._reordered(own).reshape(-1, *local.shape[3:])[self._absent :]
+            nodal = nodal + padded(slopes[:1], 0, len(local)) + padded(slopes[1:], len(local), 0)
+        return self._reordered(nodal).reshape(-1, *local.shape[3:])[self._absent :]

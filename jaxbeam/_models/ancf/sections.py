@@ -1,9 +1,9 @@
-"""Elements of beams whose properties vary along the span, and what is at the ends of beams.
+"""Elements of beams whose properties vary along the span; springs and bodies at their ends.
 
-Integrals over an element go part by part, from kink to kink, by Gauss points in each of them: a
-table of stations that are not nodes is integrated as it is, and costs as much as so many elements.
+Integrals over an element go part by part, from kink to kink, by Gauss points in each part: so
+stations of a table need not be nodes; a part costs as much as an element.
 
-Any array may have further axes, of lanes, behind those it is said to have (see `kernel`).
+Any array may have axes of lanes behind all others (see `kernel`).
 """
 
 import dataclasses
@@ -37,13 +37,13 @@ from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.spanwise import Property, along
 from jaxbeam._types import Number
 
-Cuts = tuple[tuple[float, ...], ...]  # of each element its parts' edges, from 0 to 1
+Cuts = tuple[tuple[float, ...], ...]  # for each element the edges of its parts, from 0 to 1
 
 
 @functools.lru_cache(maxsize=64)
 def cuts(edges: tuple[float, ...], n_elements: int) -> Cuts:
-    """Edges of the parts into which the kinks of a beam cut elements. All have as many parts: where
-    there are fewer kinks the longest part is halved."""
+    """Edges of the parts into which kinks, `edges` of a beam, cut its elements. Elements with fewer
+    parts than others have their longest part halved, until all have the same number."""
     inside: list[list[float]] = [[0.0, 1.0] for _ in range(n_elements)]
     for kink in edges[1:-1]:
         node = round(kink * n_elements)
@@ -61,8 +61,8 @@ def cuts(edges: tuple[float, ...], n_elements: int) -> Cuts:
 
 @functools.lru_cache(maxsize=64)
 def rules(parts: Cuts) -> Rule | None:
-    """Quadratures of the parts of every element, with axes of elements and parts in front; None
-    where elements are not cut."""
+    """Quadratures of the parts of every element, with first axes of elements and parts; None where
+    elements are not cut."""
     if len(parts[0]) == 2:
         return None
     every = [
@@ -71,45 +71,48 @@ def rules(parts: Cuts) -> Rule | None:
     return _stacked(every)
 
 
-def _stacked(some: list[Rule]) -> Rule:
-    return Rule(*map(np.stack, zip(*some, strict=True)))
+def _stacked(quadratures: list[Rule]) -> Rule:
+    return Rule(*map(np.stack, zip(*quadratures, strict=True)))
 
 
-def each_element(function: Callable[..., Array], of: tuple[Any, ...], axes: int) -> Array:
-    """The results of a function for every element: where the last of the arguments has more axes
-    than `axes`, one element after the other, so that what is needed on the way stays in the cache,
-    and loops over lanes are not mixed up with what becomes of the results; but all at once where
-    loops are dear."""
-    if of[-1].ndim > axes and not loops_are_dear():
-        # The way back makes anew what is needed of an element, and keeps nothing of it.
-        one = jax.checkpoint(lambda of: function(*of), prevent_cse=False)
-        return jax.lax.map(one, of)
-    return jax.vmap(function)(*of)
+def each_element(function: Callable[..., Array], arguments: tuple[Any, ...], axes: int) -> Array:
+    """The results of a function for every element, whose arguments `of` have a first axis of
+    elements.
+
+    Where the last argument has lanes, that is more than `axes` axes, elements go one after the
+    other: intermediate results stay in the cache, and XLA does not fuse the loops over lanes with
+    later operations. On a GPU, where loops are slow, all elements go at once.
+    """
+    if arguments[-1].ndim > axes and not loops_are_dear():
+        # In reverse mode intermediate results are computed again, not kept.
+        result = jax.checkpoint(lambda element: function(*element), prevent_cse=False)
+        return jax.lax.map(result, arguments)
+    return jax.vmap(function)(*arguments)
 
 
 def gauss_points(parts: Cuts) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss points in the coordinate s of each element, and weights over x / L: (E, m, g)."""
+    """Gauss points s from 0 to 1 of each element, and weights over x / L: (E, m, g), m parts."""
     edges = np.asarray(parts)[..., None]
     sizes = np.diff(edges, axis=1)
     return edges[:, :-1] + sizes * POINTS, sizes * WEIGHTS / len(parts)
 
 
 def at_points(value: Property, xi: Float[np.ndarray, "E m g"]) -> Float[Array, "E m g"]:
-    """A property at points."""
+    """Values of a property at the points x / L."""
     return along(value, xi.ravel()).reshape(xi.shape)
 
 
 class Sections(eqx.Module):
-    """Mass and law of elements. Where all are alike, those of one do for all of them, and tables
-    are constants; where properties vary, arrays have a first axis of elements, and in the law one
-    of parts if these are cut."""
+    """Mass and law of the elements of a beam. Those of a uniform beam are equal, and kept once.
+    Where properties vary, arrays have a first axis of elements, and those of the law a second one
+    of parts if elements are cut."""
 
-    mass: Number  # int N N^T dm of each (E, 4, 4, *lanes); where all are alike, int dm of one
-    axial_stiffness: Number  # mean of EA
-    bending_stiffness: Number  # mean of EI
+    mass: Number  # int N N^T dm of each (E, 4, 4, *lanes); of a uniform beam int dm of one
+    axial_stiffness: Number  # mean of EA, N
+    bending_stiffness: Number  # mean of EI, N m^2
     law: Element
     n_elements: int = eqx.field(static=True)
-    parts: Cuts | None = eqx.field(static=True)  # None: all are alike
+    parts: Cuts | None = eqx.field(static=True)  # None: a uniform beam
 
     def __init__(self, beam: Beam, n_elements: int, law: type[Element]) -> None:
         self.n_elements = n = n_elements
@@ -125,7 +128,7 @@ class Sections(eqx.Module):
         gram = np.einsum("emg,emgi,emgj->emgij", weight, shapes, shapes)
         mass = at_points(beam.mass_with_points, xi) * beam.length
         self.mass = jnp.sum(gram * mass[..., None, None], (1, 2))
-        # Strains are integrated between kinks of stiffnesses alone: runs do that in every step.
+        # Strains are integrated between kinks of stiffness, not of mass: fewer points in each step.
         self.parts = parts = cuts(beam.stiffness_edges, n)
         s, weight = gauss_points(parts)
         xi = (np.arange(n)[:, None, None] + s) / n
@@ -146,21 +149,22 @@ class Sections(eqx.Module):
         element."""
         if self.parts is None:
             return each_element(lambda *local: function(self.law, self.mass, *local), local, 3)
-        # Attached here, since lanes are behind the axes of the law's numbers only.
+        # The quadratures are attached here and not in the law, whose arrays have axes of lanes.
         rule_of_parts = rules(self.parts)
         law: Any = self.law
         if rule_of_parts is not None:
             law = Parts(dataclasses.replace(law, part=rule_of_parts))
         return each_element(function, (law, self.mass, *local), 3)
 
-    def weighed(self, mass: Array, field: Float[Array, "2 4 *lanes"]) -> Array:
-        """int N N^T dm of an element times a field, (2, 4, *lanes)."""
+    def mass_product(self, mass: Array, field: Float[Array, "2 4 *lanes"]) -> Array:
+        """The product of an element's int N N^T dm and nodal values of a field, (2, 4, *lanes)."""
         if self.parts is None:
             return mass * map_rows(self._gram, field)
         return sum_of_products(mass[None], field[:, None], 2, field.ndim - 2)
 
     def inertial(self, matrix: np.ndarray, lanes: int) -> Float[Array, "k 4 12 *lanes"]:
-        """Rows of blocks of int N (matrix N)^T dm over all elements."""
+        """The matrix int N (matrix N)^T dm of all elements, in rows of blocks, for a constant
+        `matrix` (2, 2) of components."""
         if self.parts is None:
             local = np.einsum("cd,ij->cidj", matrix, self._gram)[None]
             return self.mass * append_axes(assembled(jnp.repeat(local, self.n_elements, 0)), lanes)
@@ -169,36 +173,36 @@ class Sections(eqx.Module):
 
     @property
     def _gram(self) -> np.ndarray:
-        """int N N^T over an element of unit mass (4, 4)."""
+        """The integral int N N^T over an element of unit mass, (4, 4)."""
         value = hermite(POINTS, 1 / self.n_elements).value
         return np.einsum("g,gi,gj->ij", WEIGHTS, value, value)
 
 
 def body_mass(body: TipBody, length: Number) -> Float[Array, "2 2"]:
-    """Mass matrix of a body that belongs to the position of the tip and to L r' there.
+    """Mass matrix (2, 2) of a body at the tip, by the position r of the tip and L r' there.
 
     Its centre is at r + c r' and its kinetic energy m_t |d(r + c r')/dt|^2 / 2 + J |dr'/dt|^2 / 2,
-    which are those of a rigid body as far as r' of the end is a unit vector: see `PlanarEnds`.
+    as of a rigid body where r' at the end is a unit vector, which `PlanarEnds` sees to.
     """
     arm = body.mass * body.offset / length
-    own = arm * body.offset / length + body.inertia / length**2
-    return jnp.stack([body.mass, arm, arm, own]).reshape(2, 2)
+    by_slope = arm * body.offset / length + body.inertia / length**2
+    return jnp.stack([body.mass, arm, arm, by_slope]).reshape(2, 2)
 
 
 class PlanarEnds(EndSprings):
-    """Elastic energy of what is at the ends, by the displacement gradients d = r' - a1 there, with
+    """Elastic energy of springs at the ends, by the displacement gradients d = r' - a1 there, with
     components in the order a2, a1.
 
-    A spring at the root has k phi^2 / 2, phi the angle of the tangent. Where a body is at the tip,
-    10 n EA L eps^2 / 2 of n elements keeps r' of the end a unit vector: else the pull of the body,
-    which acts on its centre at r + c r', would stretch the end ever more the shorter the elements
-    are. The beam does not know that its end is not strained, which costs of the first order:
-    bending frequencies less than the strain there times h / L, h the length of an element; axial
-    ones some hundredths of h / L.
+    A spring at the root has the energy k phi^2 / 2, phi the angle of the tangent. Where a body is
+    at the tip, the energy 10 n EA L eps^2 / 2, of n elements, keeps r' of the end a unit vector:
+    else the force of the body, which acts on its centre at r + c r', would stretch the end the more
+    the shorter elements are. An end without strain is an error of first order in the length h of an
+    element: of bending frequencies less than the strain there times h / L, of axial ones some
+    hundredths of h / L.
     """
 
-    spring: Number | None  # N m / rad
-    hold: Number | None  # J
+    spring: Number | None  # stiffness of the spring at the root, N m / rad; None: clamped
+    hold: Number | None  # 10 n EA L, J; None: no body
 
     def __init__(self, rotor: Rotor, axial_stiffness: Number, n_elements: int) -> None:
         self.spring, _ = rotor.springs

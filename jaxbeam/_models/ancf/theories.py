@@ -62,19 +62,19 @@ class _ANCF(CartesianModel):
 class _Nodal(_ANCF):
     """Geometrically non-linear elements, whose coordinates are ordered node by node.
 
-    Properties may vary along the span, and a body may be at the tip: as far as that is stretched
-    with the end of the beam, see `Ends`, it is rigid. Where `_yields` is set there is a spring at
-    the root, and the rotor says how stiff it is.
+    Properties may vary along the span, and a body may be at the tip (see `PlanarEnds`). With
+    `_yields` the slope at the root is a coordinate too, held by the spring of the rotor.
     """
 
     supports = _ANCF.supports | ROOT_IN_PLANE
     element: ClassVar[type[Element]]
-    _yields: bool = eqx.field(static=True, default=False, kw_only=True)  # which `suited` sets
+    # Whether the root yields; set by `suited`.
+    _yields: bool = eqx.field(static=True, default=False, kw_only=True)
 
     @property
     def directions(self) -> tuple[Direction, ...]:
-        """L u' of the first node, L w' before it if the root yields, then w, L w', u, L u' of each
-        other node."""
+        """Directions of the coordinates: L u' of the first node, L w' before it if the root yields,
+        then w, L w', u and L u' of each other node, w in plane and u axial."""
         first = (Direction.IN_PLANE, Direction.AXIAL)[0 if self._yields else 1 :]
         node = (Direction.IN_PLANE, Direction.IN_PLANE, Direction.AXIAL, Direction.AXIAL)
         return (*first, *self.n_elements * node)
@@ -89,20 +89,20 @@ class _Nodal(_ANCF):
         return ElementEquations(rotor, self.n_elements, self.element)
 
     def suited(self, rotor: Rotor) -> Self:
-        """A model of as many elements, with a root that yields if that of the rotor does."""
+        """The model with the slope at the root as a coordinate if the rotor has a spring there."""
         return dataclasses.replace(self, _yields=rotor.springs[0] is not None)
 
     def bands(self) -> NodeByNode | None:
-        """The order of the coordinates, whatever the equations are."""
-        # What a derived class has of its own may hold numbers that no parameter says.
-        own = ("equations", "steady", "matrices")
-        on_four = all(getattr(type(self), name) is getattr(_Nodal, name) for name in own)
+        """The band of the matrices, node by node; None where the root yields."""
+        # Equations of a subclass may depend on numbers that are no parameters.
+        methods = ("equations", "steady", "matrices")
+        on_four = all(getattr(type(self), name) is getattr(_Nodal, name) for name in methods)
         return None if self._yields else NodeByNode(self.n_elements, on_four)
 
     def displacement(self, xi: Float[np.ndarray, " p"], rotor: Rotor) -> Float[Array, "3 p n"]:
         """Axial, in-plane and flap displacement at x = xi L per unit of each coordinate."""
         n = self.n_elements
-        # Functions that are zero at the root: the slope there, then value and slope of each node.
+        # Functions that are zero at the root, by coordinate: slope there, value and slope of nodes.
         shapes = self.functions_from.stretch(2 * n + 1, xi).value
         out = np.zeros((3, len(xi), 4 * n + 2))
         node = 2 + 4 * np.arange(n)[:, None] + np.arange(2)
@@ -124,24 +124,24 @@ class _Nodal(_ANCF):
         return raise_unless_ok(*_jitted_steady(model, rotor, speed))[model._axial]
 
     def steady(self, rotor: Rotor, speed: Scalar) -> tuple[Vector, Code]:
-        """The steady state, in which the beam is straight, and the status of the search."""
-        # In the axial coordinates alone, and over EA, unknowns are of order one.
+        """The steady state, in which the beam is straight, and the status of the search for it."""
+        # The unknowns are axial coordinates over L, and the residual is over EA: of order one.
         equations, hub = self.equations(rotor), spinning(speed)
         length, axial = rotor.beam.length, self._axial
         zero = jnp.zeros(len(self.directions), speed.dtype)
-        along = length * np.eye(zero.size)[axial]
+        columns = length * np.eye(zero.size)[axial]
         points, _ = self.functions_from.quadrature(axial.size)
 
         def residual(u: Array, fraction: Array | float = 1.0) -> Array:
-            part = hub._replace(angular_velocity=jnp.sqrt(fraction) * hub.angular_velocity)
-            q = u @ along
-            return -equations.force(part, q, zero, None)[axial] / equations.axial_stiffness
+            slower = hub._replace(angular_velocity=jnp.sqrt(fraction) * hub.angular_velocity)
+            q = u @ columns
+            return -equations.force(slower, q, zero, None)[axial] / equations.axial_stiffness
 
         def acceptable(u: Array) -> Array:
-            return jnp.all(equations.gradient(u @ along, points)[1] > -0.5)
+            return jnp.all(equations.gradient(u @ columns, points)[1] > -0.5)
 
         u, done = find_root(residual, zero[axial], acceptable)
-        q = u @ along
+        q = u @ columns
         status = jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
         if self.element.tears:
             if not rotor.varies and not rotor.tip_body.is_body:
@@ -157,7 +157,8 @@ class _Nodal(_ANCF):
         return np.flatnonzero([direction == Direction.AXIAL for direction in self.directions])
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
-        """Tangents about the straight steady state (B eqs. 53-54, without small strain)."""
+        """Matrices of small motion about the straight steady state, however large its strain (B
+        eqs. 53-54 are for small strain)."""
         rest, equations = Rest(*self.steady(rotor, speed)), self.equations(rotor)
         m, c, k = equations.matrices_about(spinning(speed), rest.q)
         rest = rest._replace(matrices=(m, c, symmetric_part(k)))
@@ -255,7 +256,7 @@ class SmallStrainANCF(_ANCF):
     is_linear = True
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
-        """Linear, with the tension P(x) of the rigid motion."""
+        """Linear equations of motion, with the tension P(x) of the undeformed beam."""
         shapes = self.shapes(rotor)
         stiffness = self.linear_stiffness(rotor, shapes) + axial_bending(self, rotor)
         return CartesianEquations.build(
@@ -269,14 +270,14 @@ class SmallStrainANCF(_ANCF):
 
 
 def axial_bending(model: _ANCF, rotor: Rotor) -> Matrix:
-    """int EI u1'' u1'' dx: elements with EI r''.r'' have it on their axial coordinates too."""
+    """The stiffness int EI u1'' u1'' dx of axial coordinates, which is part of EI r''.r''."""
     beam, n = rotor.beam, model.counts[0]
     stiffness, others = beam.in_plane_bending_stiffness, len(model.directions) - n
     if isinstance(stiffness, AbstractSpanwise):
         rule = model.functions_from.rule(n, (0.0, *stiffness.kinks, 1.0))
         curvature = model.functions_from.stretch(n, rule.xi).curvature
-        along = curvature.T @ ((rule.weight * stiffness.at(rule.xi))[:, None] * curvature)
-        return jnp.pad(along / beam.length**3, (0, others))
+        block = curvature.T @ ((rule.weight * stiffness.at(rule.xi))[:, None] * curvature)
+        return jnp.pad(block / beam.length**3, (0, others))
     out = np.zeros((len(model.directions),) * 2)
     out[:n, :n] = stretch_integrals(model.functions_from, n).curvature
     return stiffness / beam.length**3 * out

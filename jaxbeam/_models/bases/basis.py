@@ -32,7 +32,7 @@ class Functions(NamedTuple):
 
 
 class Integrals(NamedTuple):
-    """Integrals over [0, 1] of products of one set of functions, and their values at xi = 1.
+    """Integrals over [0, 1] of products of functions of one kind, and their values at xi = 1.
 
     mass = int f f^T, curvature = int f'' f''^T, tip = f(1), and
     tension[k] = int t_k f' f'^T with t = (1, 1 - xi, (1 - xi^2) / 2), the three shapes that the
@@ -61,11 +61,11 @@ class Basis(abc.ABC):
 
     @abc.abstractmethod
     def quadrature(self, n: int) -> tuple[Float[_Array, " p"], Float[_Array, " p"]]:
-        """Points and weights on [0, 1], exact to rounding for products of n functions."""
+        """Points and weights on [0, 1], exact to rounding for products of two of n functions."""
 
     @abc.abstractmethod
     def rule(self, n: int, edges: tuple[float, ...]) -> Span:
-        """Points and weights of a quadrature for products with what is smooth between `edges`."""
+        """A quadrature for products of n functions with a property, smooth between `edges`."""
 
     def up_to(self, n: int, end: float) -> tuple[Float[_Array, " p"], Float[_Array, " p"]]:
         """Points and weights on [0, end] for products of n functions."""
@@ -74,21 +74,22 @@ class Basis(abc.ABC):
 
     @property
     def unit(self) -> str:
-        """The word for one of the functions."""
+        """The noun for one function of the basis, for titles of models."""
         return "function"
 
     def towards(self, direction: Direction) -> "Basis":
-        """The basis of the bending functions in one direction."""
+        """The basis for bending in one direction: itself, unless functions differ by direction."""
         return self
 
 
 @functools.lru_cache(maxsize=64)
 def segments(edges: tuple[float, ...], points: int, grading: int = 1) -> Span:
-    """Gauss points between any two edges, in xi^(1/grading)."""
+    """A span with Gauss points, in the coordinate xi^(1/grading), between neighbouring edges."""
     return Span.graded(edges, points, grading)
 
 
-# What varies along the span multiplies products of functions; between its edges it is smooth.
+# Gauss points of each segment beyond those for products of functions alone, for a property that
+# multiplies them and is smooth there.
 _MORE = 8
 
 
@@ -128,8 +129,8 @@ class Polynomials(Basis):
         t = np.asarray(xi) ** (1 / self.grading)
         value, slope = self._integrated(n, xi, 1)[::-1]
         derivative = np.stack([p.deriv()(t) for p in self._highest(n)], -1)
-        # d/dxi = (dt/dxi) d/dt. For grading 2 that is infinite at the clamp, where nobody asks:
-        # Gauss points are inside, and stretch has no curvature energy.
+        # d/dxi = (dt/dxi) d/dt is infinite at the clamp for grading 2, where it is not needed:
+        # Gauss points are inside, and stretch has no energy of curvature.
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = t ** (1.0 - self.grading) / self.grading
             return Functions(value, slope, derivative * rate[:, None])
@@ -144,7 +145,7 @@ class Polynomials(Basis):
 
     def points(self, n: int, edges: tuple[float, ...], more: int = _MORE) -> int:
         """The number of points in each segment that products of n functions need, and some more."""
-        # Polynomials of degree k have k zeros that are even in arccos(1 - 2 t).
+        # The k zeros of a polynomial of degree k are evenly spaced in arccos(1 - 2 t).
         angles = np.arccos(1 - 2 * np.asarray(edges) ** (1 / self.grading))
         waves = self.grading * (n + 2) * np.max(np.diff(angles)) / np.pi
         return int(np.ceil(waves)) + more
@@ -166,7 +167,8 @@ class Polynomials(Basis):
         return out[:n]
 
     def _integrated(self, n: int, xi: _Array, times: int) -> list[_Array]:
-        """The highest derivative and its integrals over xi, one after the other, each (p, n)."""
+        """The highest derivative of the functions, its integral over xi, that of this and so on,
+        each (p, n)."""
         m = self.grading
         t = np.asarray(xi) ** (1 / m)
         jacobian = m * Chebyshev.identity(domain=[0, 1]) ** (m - 1)
@@ -225,7 +227,7 @@ class CantileverModes(Basis):
 
 @dataclasses.dataclass(frozen=True)
 class Yielding(Basis):
-    """The functions of `basis`, and before them x / L in the directions in which a root yields.
+    """The functions of `basis`, after x / L as the first one in directions in which a root yields.
 
     It counts as one of the functions.
     """
@@ -293,7 +295,7 @@ class HermiteElements(Basis):
         return ((np.arange(e)[:, None] + x) / e).ravel(), np.tile(w / e, e)
 
     def rule(self, n: int, edges: tuple[float, ...]) -> Span:
-        # Rounded, so that ends of elements which are edges are not there twice.
+        # Rounded, so that ends of elements that are edges too compare as equal.
         ends = np.round(np.arange(self.elements + 1) / self.elements, 12)
         return segments(tuple(np.unique(np.append(ends, np.round(edges, 12))).tolist()), _MORE)
 

@@ -25,12 +25,12 @@ from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import Span, tension
 from jaxbeam._types import is_concrete
 
-_SOFTEST, _STIFFEST = 3e5, 40.0  # kappa of the layers
-_ROOT, _TIP = 18, 10  # layers at either end: there is less to follow at the tip
+_SOFTEST, _STIFFEST = 3e5, 40.0  # range of kappa = L sqrt(P / EI) that layers are for
+_ROOT, _TIP = 18, 10  # numbers of layers at root and tip, where they matter less
 LAYERS = _ROOT + _TIP
-_POINTS = 10  # of each segment: the narrowest layer is e^-20 where it ends
+_POINTS = 10  # points of each segment, in which the narrowest layer falls to e^-20
 _HALVINGS, _MIDDLE = 20, 4  # segments at the ends are 2^-20 long, and in the middle 2^-4
-_MORE = 12  # polynomials beyond those of a model, which tell what these leave out
+_MORE = 12  # polynomials that the estimate of errors takes beyond those of a model
 
 _Array = np.ndarray
 
@@ -60,34 +60,37 @@ class Layered(Basis):
 
     def rule(self, n: int, edges: tuple[float, ...]) -> Span:
         own = np.array(_edges())
-        # What is next to an edge of the beam makes way for it.
+        # Ends of segments that are nearly at an edge of the beam are left out.
         far = np.min(np.abs(own[:, None] - np.array(edges[1:-1])), 1, initial=1.0) > 1e-9
         return segments(tuple(sorted({*own[far].tolist(), *edges})), _POINTS)
 
 
 @dataclasses.dataclass(frozen=True)
 class Finer(Layered):
-    """The functions of `Layered`, then others: more polynomials, and layers in between."""
+    """The functions of `Layered`, then more polynomials and layers between those of `Layered`."""
 
     def bending(self, n: int, xi: _Array) -> Functions:
         return _at(n - more_functions() - LAYERS, True, xi)
 
 
 def has_layers(basis: Basis | None) -> bool:
-    """Whether a basis is `Layered`, be it at a root that yields."""
+    """Whether a basis is `Layered`, or `Yielding` with it."""
     return isinstance(basis.basis if isinstance(basis, Yielding) else basis, Layered)
 
 
 def massless(basis: Basis | None, dtype: Any) -> float:
-    """A term for the mass matrix, over the mass, that keeps it positive where layers have no mass.
-    Layers carry next to none, less than rounding makes of it, which need not be positive: by 50
-    roundings of int f'' f'' it is, and frequencies are lower by as many times kappa or less."""
+    """A small number, over the mass of the beam, to be added to the diagonal of the mass matrix.
+
+    Layers have less mass than rounding of the matrix, which might not be positive definite. With 50
+    units of rounding it is, and relative changes of frequencies are at most kappa times that. Zero
+    for bases without layers.
+    """
     return 50 * float(jnp.finfo(dtype).eps) if has_layers(basis) else 0.0
 
 
 def is_soft(rotor: Rotor, speed: Any) -> Any:
     """Whether a uniform beam, at a speed in rad/s, is so soft that 16 polynomials leave out more
-    than 1e-6 of a frequency; in 32 bits, which do not know, it is not."""
+    than 1e-6 of a frequency; false in 32 bits, which do not resolve that."""
     if jnp.finfo(jnp.result_type(speed)).bits <= 32:
         return False
     beam, least = rotor.beam, held_by(rotor, speed) / _STIFFEST**2
@@ -96,13 +99,13 @@ def is_soft(rotor: Rotor, speed: Any) -> Any:
 
 def is_known_to_be_soft(rotor: Rotor, speed: Any) -> bool:
     """Whether numbers are concrete and the beam is so soft that layers are needed."""
-    # In NumPy, whose arithmetic is not compiled.
+    # By NumPy, so that nothing is compiled.
     return is_concrete((rotor, speed)) and bool(is_soft(*jax.tree.map(np.asarray, (rotor, speed))))
 
 
 def are_followed(counts: tuple[int, ...], rotor: Rotor, speed: Any) -> Any:
-    """Whether so many polynomials in plane and in flap follow the layer at a clamp to some 1e-3:
-    n do, where its kappa is no more than n^2."""
+    """Whether so many polynomials in plane and in flap are enough, to some 1e-3, for the boundary
+    layer at a clamp: n are if kappa is at most n^2."""
     beam, fine = rotor.beam, jnp.ones((), bool)
     stiffness = (beam.in_plane_bending_stiffness, beam.flap_bending_stiffness)
     for n, own, spring in zip(counts, stiffness, rotor.springs, strict=True):
@@ -112,19 +115,20 @@ def are_followed(counts: tuple[int, ...], rotor: Rotor, speed: Any) -> Any:
 
 
 def without_layers(basis: Basis) -> bool:
-    """Whether a basis is plain polynomials, be it at a root that yields."""
+    """Whether a basis is `Polynomials()`, or `Yielding` with it."""
     return (basis.basis if isinstance(basis, Yielding) else basis) == Polynomials()
 
 
 def with_layers(basis: Basis) -> Basis:
-    """The basis with layers, as many functions more as `LAYERS`."""
+    """The basis of polynomials with `LAYERS` more functions, for boundary layers."""
     own = Layered()
     return dataclasses.replace(basis, basis=own) if isinstance(basis, Yielding) else own
 
 
 def held_by(rotor: Rotor, speed: Any) -> Any:
-    """P L^2 of a uniform beam in steady rotation, P the tension at its root: kappa^2 times EI."""
-    # From fields, which take numbers of NumPy too, where properties of rotors are of JAX alone.
+    """The product P L^2 = kappa^2 EI of a uniform beam in steady rotation, P the tension at its
+    root."""
+    # By fields of the rotor, which may be numbers of NumPy, not by its properties, which use JAX.
     length, tip, end = rotor.beam.length, rotor.tip_body, rotor.hub_radius + rotor.beam.length
     c0, c1, c2 = tension(
         speed**2, rotor.hub_radius, tip.mass, rotor.beam.mass_per_length * length, length,
@@ -145,7 +149,7 @@ def _edges() -> tuple[float, ...]:
 
 
 def _layers(xi: _Array, between: bool) -> list[_Array]:
-    """Curvatures of the layers, or of ones in between."""
+    """Curvatures at places xi of the layers, or with `between` of layers between these."""
     columns = []
     for count, x in ((_ROOT, xi), (_TIP, 1 - xi)):
         kappas = np.geomspace(_STIFFEST, _SOFTEST, 2 * count - 1)[int(between) :: 2]
@@ -154,7 +158,7 @@ def _layers(xi: _Array, between: bool) -> list[_Array]:
 
 
 def _curvatures(polynomials: int, finer: bool, xi: _Array) -> _Array:
-    """Curvatures of all functions, before they are made orthonormal."""
+    """Curvatures at places xi of all functions, before these are made orthonormal."""
 
     def degrees(first: int, last: int) -> list[_Array]:
         return [legendre.legval(2 * xi - 1, np.eye(last)[k]) for k in range(first, last)]
@@ -167,7 +171,7 @@ def _curvatures(polynomials: int, finer: bool, xi: _Array) -> _Array:
 
 @functools.lru_cache(maxsize=16)
 def _tables(polynomials: int, finer: bool) -> tuple[_Array, _Array, _Array]:
-    """Values, slopes and curvatures at the points, (segments, points, n)."""
+    """Values, slopes and curvatures of n functions at the points, (segments, points, n)."""
     if polynomials < 1:
         raise ValueError(f"Layered has {LAYERS} layers: take more bending functions than that")
     span = segments(_edges(), _POINTS)
@@ -180,7 +184,7 @@ def _tables(polynomials: int, finer: bool) -> tuple[_Array, _Array, _Array]:
 
 
 def _integrated(f: _Array) -> _Array:
-    """int_0^xi f at the points of each segment."""
+    """The integral int_0^xi f at the points of each segment, from values of f there."""
     t, w = legendre.leggauss(_POINTS)
     half = np.diff(_edges())[:, None, None] / 2
     powers = legendre.legint(np.linalg.inv(legendre.legvander(t, _POINTS - 1)), lbnd=-1, axis=0)

@@ -1,19 +1,19 @@
-"""Functions that suit a beam as built: what loads do to it.
+"""Functions for beams as built: their own deflections under loads.
 
-A dozen polynomials cannot follow the curvature of a blade, which has every kink and step of 1 / EI,
-and of the mass. What they can follow is the load. So functions on a beam that varies are its own
-deflections: by loads that are its mass per length times polynomials, by a force at the tip, by a
-moment there if it has a body, and by the pull of the tension on slopes, which has the steps of the
-curvature. Nothing is divided by the length of a segment, or approximated but by quadrature.
+A dozen polynomials cannot approximate the curvature of a blade, which has every kink and step of
+1 / EI, but they can approximate the load. So functions on a beam that varies are its deflections by
+loads that are its mass per length times polynomials, by a force at the tip, by a moment there if it
+has a body, and by the tension on slopes, which have the steps of the curvature. The only
+approximation is quadrature.
 
 With c the compliance, m the mass per length and T the tension at unit speed, bending moments are
 
     int_x^1 (y - x) m p_k dy,   1 - x,   1,   int_x^1 T g_k' dy with g_k'' = c p_k
 
-(and g' = 1 where the root yields), curvatures are c times that, all over x / L. With twist or pitch
-the same moments bend the beam across, too. Of these more than twice as many are made as functions
-are asked for; a subspace of them is kept in which most is, each being given the share of motion
-that its polynomial has.
+(and g' = 1 where the root yields), and curvatures are c times these, all over x / L. With twist or
+pitch the same moments bend the beam across, too. These are more than twice as many as the functions
+of a model, which are the combinations of them that have most of the motion, when each load is
+weighted by the share of motion that its polynomial has.
 
 Without tension they are one step of inverse iteration from polynomials, the Ritz vectors of E. L.
 Wilson, M. Yuan, J. M. Dickens, Earthquake Engineering and Structural Dynamics 10, 1982.
@@ -37,38 +37,38 @@ from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import Span, on, outboard, polynomials, shortened
 from jaxbeam._rotor.spanwise import Property
 
-FunctionCounts = tuple[int, int, int]  # of axial, in-plane and flap functions
-_FALLS = 6.0  # the share of a load with the power of its number
-_MORE = 5  # points of a segment, besides those that polynomials need
+FunctionCounts = tuple[int, int, int]  # numbers of axial, in-plane and flap functions
+_FALLS = 6.0  # weights of loads fall with this power of the number of their polynomial
+_MORE = 5  # points of a segment beyond those for polynomials
 
 
-# Of each direction, how functions are made of what loads do; without derivatives. What loads do to
-# the beam has them; that the choice of combinations moves as well changes a derivative by no more
-# than the functions that are left out do.
+# For each direction the combinations (loads, n) of deflections by loads that n functions are. They
+# are taken as constant in derivatives: the deflections have derivatives, and those of the
+# combinations would change results by no more than functions that are left out.
 Mixes = tuple[Array, Array, Array]
 
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """The model's wishes about functions: as static as the model itself."""
+    """Static choices of a model about its functions."""
 
     counts: FunctionCounts
-    grading: int  # of polynomials
-    points: int  # products of so many functions are integrated
-    arc_length: bool  # stretch has N / EA for strain; else polynomials, which follow bending, too
+    grading: int  # grading of polynomials: they are polynomials of x^(1/grading)
+    points: int  # number of functions whose products the points of integration are exact for
+    arc_length: bool  # whether axial functions are stretch by N / EA, not polynomials
 
     def bent(self, rotor: Rotor) -> list[int]:
-        """The numbers of functions that bend in plane and in flap, without those that turn a root
-        that yields."""
+        """The numbers of functions with curvature in plane and in flap: without those for the slope
+        at a root that yields."""
         counts = zip(self.counts[1:], rotor.springs, strict=True)
         return [max(n - (spring is not None), 0) for n, spring in counts]
 
 
 def span_of(kind: Kind, rotor: Rotor, beside: int = 0) -> Span:
-    """Points of integration, with `beside` more of them in each segment."""
+    """Points of integration along a rotor's beam, with `beside` more of them in each segment."""
     beam = rotor.beam
     cut = shortened(beam.edges, kind.grading > 1)
-    more = _MORE + 3 * (kind.grading > 1) + beside  # towards the root powers are not whole
+    more = _MORE + 3 * (kind.grading > 1) + beside  # graded polynomials are fractional powers of x
     points = Polynomials(kind.grading).points(kind.points, cut, more)
     stiffnesses = [beam.in_plane_bending_stiffness, beam.flap_bending_stiffness]
     stiffnesses += [beam.axial_stiffness] if kind.counts[0] else []
@@ -78,8 +78,9 @@ def span_of(kind: Kind, rotor: Rotor, beside: int = 0) -> Span:
 def in_beam_axes(
     zz: Array, yy: Array, section_axes: tuple[Array, Array] | None
 ) -> tuple[list[Array], Array | None]:
-    """Stiffnesses or compliances of bending in plane and in flap by those about both axes of
-    sections, c^2 zz + s^2 yy and c^2 yy + s^2 zz, and the one that couples both, (zz - yy) s c."""
+    """Stiffnesses (or compliances) of bending in plane and in flap, c^2 zz + s^2 yy and c^2 yy +
+    s^2 zz, and the coupling of both, (zz - yy) s c, from those about the two axes of sections and
+    the cosine and sine of their angle; None: not turned."""
     if section_axes is None:
         return [zz, yy], None
     cos, sin = section_axes
@@ -90,11 +91,11 @@ class Profile(eqx.Module):
     """Properties of a rotor's beam at the points of a span."""
 
     span: Span
-    mass: Array  # by x / L, kg
+    mass: Array  # mass by x / L, kg
     axial: Array
     in_plane: Array
     flap: Array
-    section_axes: tuple[Array, Array] | None  # cosine and sine of their angle, where turned
+    section_axes: tuple[Array, Array] | None  # cosine and sine of their angle; None: not turned
 
     @classmethod
     def of(cls, rotor: Rotor, span: Span) -> Self:
@@ -115,13 +116,12 @@ class Profile(eqx.Module):
 
     @property
     def compliances(self) -> tuple[list[Array], Array | None]:
-        """1 / EI in plane and in flap, and of moments about the one axis on curvature about the
-        other."""
+        """Bending compliances in plane and in flap, and the coupling compliance of turned
+        sections."""
         return in_beam_axes(1 / self.in_plane, 1 / self.flap, self.section_axes)
 
     def in_section_axes(self, in_plane: Array, flap: Array) -> tuple[Array, Array]:
-        """Curvatures or slopes (p, n) in the axes of sections, which twist and pitch turn: about
-        that of the stiffness in plane, and across."""
+        """Curvatures (or slopes) (p, n) in axes of sections, from those in plane and in flap."""
         if self.section_axes is None:
             return in_plane, flap
         cos, sin = (a[:, None] for a in self.section_axes)
@@ -129,21 +129,21 @@ class Profile(eqx.Module):
 
 
 class LoadFunctions(eqx.Module):
-    """Loads on a rotor's beam at the points of a span, and what they do there.
+    """Strains of a rotor's beam, at the points of a span, by the loads that functions are made of.
 
-    In each direction that bends, of n functions, they are n moments, n // 2 pulls of the tension
-    and, where sections are turned, n moments across.
+    For n functions in a direction of bending there are n loads by moments, n // 2 by the tension on
+    slopes and, where sections are turned, n by moments across.
     """
 
     profile: Profile
-    shapes: Array  # (p, k) polynomials
-    share: Array  # of the mass, (p,)
-    tension: Array  # at unit speed, over the mass and the length
-    own: tuple[Array, Array]  # compliances of both directions, over that of the mean, (p,)
+    shapes: Array  # (p, k), polynomials
+    share: Array  # (p,), mass per length over its mean
+    tension: Array  # (p,), at unit speed, over the mass and the length
+    own: tuple[Array, Array]  # (p,), compliances in plane and in flap, over those of the mean beam
     across: tuple[Array, Array] | None
-    axial: Array  # stiffness, over that of the mean
+    axial: Array  # (p,), EA over that of the mean beam
     kind: Kind = eqx.field(static=True)
-    bent: tuple[int, ...] = eqx.field(static=True)  # functions that bend, in plane and in flap
+    bent: tuple[int, ...] = eqx.field(static=True)  # functions with curvature, in plane and flap
     yields: tuple[bool, ...] = eqx.field(static=True)
     body: bool = eqx.field(static=True)
 
@@ -172,11 +172,11 @@ class LoadFunctions(eqx.Module):
 
     @property
     def stiffness(self) -> tuple[Array, Array, Array]:
-        """Weights of strains and curvatures, (p,) each."""
+        """Stiffnesses of stretch and of bending in plane and in flap, (p,) each, over the mean."""
         return self.axial, 1 / self.own[0], 1 / self.own[1]
 
     def raw(self) -> tuple[Array, Array, Array]:
-        """Strains, and curvatures in plane and in flap, by each load, (p, loads)."""
+        """Strains, and curvatures in plane and in flap, by each of the loads, (p, loads)."""
         span, stretches = self.profile.span, self.shapes
         force = span.beyond(self.share[:, None] * self.shapes)
         if self.kind.arc_length:
@@ -192,8 +192,8 @@ class LoadFunctions(eqx.Module):
         return stretches[:, : self.kind.counts[0]], raw[0], raw[1]
 
     def strains(self, mixes: Sequence[Array]) -> tuple[Array, Array, Array]:
-        """Strains and curvatures by k combinations of loads, (loads, k) of each direction: for few
-        of them it takes much less."""
+        """Strains, and curvatures in plane and in flap, (p, k), by k combinations (loads, k) of
+        loads in each direction: for few of them this costs much less than `raw`."""
         groups, halves = [], []
         for n, mix in zip(self.bent, mixes[1:], strict=True):
             moments, pulls, across = jnp.split(mix, [n, n + n // 2])
@@ -224,7 +224,7 @@ class LoadFunctions(eqx.Module):
         return moments + by_tip[1:] if self.body else moments
 
     def _sorted(self, mix: Array, ends: int) -> tuple[Array, Array]:
-        """Combinations of `_ordered` loads: those by polynomials, and those at the tip."""
+        """Combinations `mix` of `_ordered` loads, split by loads: polynomials, and at the tip."""
         by_mass, by_tip = jnp.concatenate([mix[:1], mix[1 + ends :]]), mix[1 : 1 + ends]
         sizes = (self.shapes.shape[1], ends)
         whole = (
@@ -235,7 +235,8 @@ class LoadFunctions(eqx.Module):
         return first, second
 
     def _pulls(self, halves: Sequence[Array]) -> list[Array]:
-        """Moments of the tension on slopes, in plane and in flap."""
+        """Moments of the tension on slopes, in plane and in flap, for combinations of the
+        polynomials that curvatures are made of."""
         span, bent, at_root = self.profile.span, [], []
         for own, half, yields in zip(self.own, halves, self.yields, strict=True):
             first = half[:1] if yields else half[:0]
@@ -247,13 +248,14 @@ class LoadFunctions(eqx.Module):
 
 
 def _ordered(by_mass: Array, by_tip: Array, body: bool) -> Array:
-    """Loads in the order of their weight: the first polynomial, the tip, all others."""
+    """Columns of loads in the order of their weight: first polynomial, force and moment at the tip,
+    other polynomials."""
     tip = [by_tip[:, None]] + [jnp.ones_like(by_tip[:, None])] * body
     return jnp.concatenate([by_mass[:, :1], *tip, by_mass[:, 1:]], 1)
 
 
 def mixed(loads: LoadFunctions, raw: tuple[Array, Array, Array]) -> Mixes:
-    """Combinations that are orthonormal in their strain energy."""
+    """The combinations of loads that functions are: orthonormal by strain energy."""
     weight, each = loads.profile.span.weight, zip(raw, loads.stiffness, strict=True)
     stretch, *bent = (
         jax.lax.stop_gradient(jnp.sqrt(weight * stiffness)[:, None] * columns)
@@ -264,28 +266,29 @@ def mixed(loads: LoadFunctions, raw: tuple[Array, Array, Array]) -> Mixes:
 
 
 def _mix(columns: Array, n: int, pulled: int) -> Array:
-    """The n combinations of columns (loads, by tension, across) that do most.
+    """The n combinations of columns (by moments, by tension, by moments across) that have most of
+    them when each column is weighted.
 
-    A load counts the less the higher its polynomial, and what tension does, or a moment across, as
-    its polynomial would. Of what loads do already (of a uniform beam all that tension does is that)
-    little is left, so that there are always as many functions that are independent.
+    Weights fall with the number of the polynomial, also of columns by tension or moments across.
+    These may depend on the columns by moments, as those by tension on a uniform beam do; the n
+    combinations are independent all the same.
     """
     if not n:
         return jnp.zeros((columns.shape[1], 0), columns.dtype)
     size = jnp.linalg.norm(columns, axis=0)
-    # A moment across has the size of the same moment's own curvature: it may be next to nothing.
+    # Columns by moments across are scaled like those by the same moments, since they may be tiny.
     size = jnp.concatenate([size[: n + pulled], size[: columns.shape[1] - n - pulled]])
     rank = np.concatenate([np.arange(k) for k in (n, pulled, columns.shape[1] - n - pulled)])
     share: Any = (1.0 + rank) ** -_FALLS / size
-    # Begins with those that count most, each with some that count less: of itself it may have
-    # nothing that others do not have.
+    # Start with the columns of the largest weights, each plus some of lower weight, since one alone
+    # may depend on others.
     start = np.eye(n)[np.argsort(np.argsort(rank, kind="stable")) % n]
     return share[:, None] * principal(columns * share[None], start)
 
 
 def section_angle(rotor: Rotor, at: Callable[[Property], Array]) -> Any:
-    """The angle by which twist and pitch turn sections, `at` some places; None where they are not
-    turned."""
+    """The angle by which twist and pitch turn sections, at places where `at` gives the values of a
+    property; None where they are not turned."""
     if not rotor.couples_bending:
         return None
     angles = [at(angle) for angle in (rotor.beam.twist, rotor.pitch) if angle is not None]

@@ -42,7 +42,7 @@ class SecondMoments(NamedTuple):
 
     @property
     def rigid(self) -> Any:
-        """Moments of inertia of what does not deform, tr(E) - E."""
+        """The matrix of moments of inertia tr(E) - E, of mass with these second moments E."""
         one, two, three, crossed = (0.0 if e is None else e for e in self)
         none = jnp.zeros_like(two)
         rows = [[two + three, none, none], [none, one + three, -crossed + none],
@@ -51,7 +51,8 @@ class SecondMoments(NamedTuple):
 
 
 def of_sections(rotor: Rotor, at: Callable[[Property], Any]) -> SecondMoments | None:
-    """Second moments per length, in kg m, `at` some places; None where sections have none."""
+    """Second moments of sections per length, in kg m, at places where `at` gives the values of a
+    property; None where sections have no rotary inertia."""
     both = section_inertia(rotor.beam, at)
     if both is None:
         return None
@@ -62,7 +63,7 @@ def of_sections(rotor: Rotor, at: Callable[[Property], Any]) -> SecondMoments | 
 
 
 def of_body(rotor: Rotor) -> SecondMoments | None:
-    """Second moments of a body at the tip, in kg m^2; None of a point."""
+    """Second moments of a body at the tip, in kg m^2; None for a point mass."""
     body = rotor.tip_body
     if not isinstance(body, TipBody):
         return None
@@ -78,8 +79,9 @@ def of_body(rotor: Rotor) -> SecondMoments | None:
 
 
 def first_order(b: _Square) -> tuple[Array, ...]:
-    """Share of each E_kl in sum E_kl d_k.B d_l, by products of slopes (2, 2), with B for what acts
-    on directors: the mass has 1, Coriolis forces 2 omega~, others omega~ omega~ + omega'~."""
+    """Coefficients (2, 2), by products of slopes in plane and in flap, of each E_kl in sum E_kl
+    d_k.B d_l with directors to first order. B is 1 for the mass, 2 omega~ for Coriolis forces and
+    omega~ omega~ + omega'~ for the other inertia forces."""
     one, none = b[0, 0], jnp.zeros_like(b[0, 0])
     return (
         b[1:, 1:],
@@ -90,7 +92,8 @@ def first_order(b: _Square) -> tuple[Array, ...]:
 
 
 def second_order(b: _Square) -> tuple[Array, ...]:
-    """Share of each E_kl in sum E_kl d_k.B a_l by what of d_k is of second order, twice."""
+    """Twice the coefficients (2, 2), by products of slopes, of each E_kl in sum E_kl d_k.B a_l with
+    the terms of d_k of second order in slopes."""
     none, mixed = jnp.zeros_like(b[0, 0]), -(b[1, 1] + b[2, 2]) / 2
     return (
         _square(-b[0, 0], none, none, -b[0, 0]),
@@ -101,19 +104,20 @@ def second_order(b: _Square) -> tuple[Array, ...]:
 
 
 def by_winding(b: _Square) -> Float[Array, "3 *#lanes"]:
-    """Shares of E_22, E_33 and E_23 in that by phi."""
+    """Coefficients, by the turn phi, of E_22, E_33 and E_23 in sum E_kl d_k.B a_l."""
     return jnp.stack([b[2, 1], -b[1, 2], b[2, 2] - b[1, 1]])
 
 
 def constant(b: _Square) -> Float[Array, "4 2 *#lanes"]:
-    """Share of each E_kl in sum E_kl d_k.B a_l, by slopes."""
+    """Coefficients, by slopes in plane and in flap, of each E_kl in sum E_kl d_k.B a_l."""
     none = jnp.zeros_like(b[0, 0])
     rows = [[b[1, 0], b[2, 0]], [-b[0, 1], none], [none, -b[0, 2]], [-b[0, 2], -b[0, 1]]]
     return jnp.stack([jnp.stack(row) for row in rows])
 
 
 def directors(e2: Array, e3: Array, phi: Array | None) -> Float[Array, "3 3 p"]:
-    """Rows: the three directors; without phi to first order."""
+    """The three directors as rows, from slopes e2 and e3 and the turn phi; with None to first
+    order."""
     one, none = jnp.ones_like(e2), jnp.zeros_like(e2)
     rows = [[one, e2, e3], [-e2, one, none], [-e3, none, one]]
     out = jnp.stack([jnp.stack(row) for row in rows])
@@ -131,7 +135,8 @@ def directors(e2: Array, e3: Array, phi: Array | None) -> Float[Array, "3 3 p"]:
 def angular_momentum(
     moments: SecondMoments, d: Array, rate: Array, spin: Array
 ) -> Float[Array, "p 3"]:
-    """Sum of E_kl d_k x (d_l' + omega x d_l) of what is at each of some points."""
+    """Angular momentum sum E_kl d_k x (d_l' + omega x d_l) at each of p points, from directors d
+    and their rates."""
     moving = rate + jnp.cross(spin[None, :, None], d, axis=1)
     of = [(0, 0, moments.along), (1, 1, moments.lag), (2, 2, moments.flap)]
     of += [(1, 2, moments.crossed), (2, 1, moments.crossed)]

@@ -1,17 +1,16 @@
-"""What functions and quadrature leave out of a frequency, by the differential equation itself.
+"""Errors of frequencies by too few functions and by quadrature, by the differential equation.
 
-A cantilever is statically determinate: from the inertia, the tension and the body at the tip in a
-mode x follow its bending moments and its axial force by integration, whatever its functions are.
-Where C is the compliance of sections, m that moment and k the curvature of the mode, d'' = C m - k
-is what the functions leave out (but for what d itself would add). In the space of x and d the
-frequency is a better one: with Q(l) = l^2 M + l G + K, x^H Q d is minus the strain energy e of d,
-twice, and
+A cantilever is statically determinate: bending moments and axial force of a mode x follow by
+integration from its inertia, the tension and the body at the tip. With these moments m, the
+compliance C of sections and the curvature k of the mode, d'' = C m - k is the curvature that the
+functions leave out, but for the inertia of d itself. In the space of x and d the frequency is more
+accurate: with Q(l) = l^2 M + l G + K, x^H Q d is minus e, twice the strain energy of d, and
 
     |l - l_better| = e^2 / (d^H Q d |x^H (2 l M + G) x|).
 
 (That two moments, of which one is in equilibrium and the other compatible, bound the error of each:
-W. Prager, J. L. Synge, Quarterly of Applied Mathematics 5, 1947.) All of it is found at more points
-of integration. Where x^H Q(l) x is not zero there, quadrature has missed something.
+W. Prager, J. L. Synge, Quarterly of Applied Mathematics 5, 1947.) All integrals have more points of
+integration than those of the model. By these x^H Q(l) x would be zero without errors of quadrature.
 """
 
 import functools
@@ -36,20 +35,20 @@ from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.span import Span, on, outboard
 from jaxbeam._types import Scalar
 
-MORE_POINTS = 4  # of each segment, at which all of this is found
-# What quadrature misses at most, over what these see of that: of waves, and in 19 cases of 20 of
-# kinks and dips that nobody declares. A step may hide from both.
+MORE_POINTS = 4  # points of each segment more than a model has, for these integrals
+# Safety factor on errors of quadrature: enough for waves of properties, and for 19 of 20 kinks and
+# dips that are not declared. Errors by undeclared steps may be larger.
 _MISSED = 3.0
 
 
 class _Case(NamedTuple):
-    """A rotor at points of integration, and what acts on it."""
+    """A rotor, its properties at points of integration, its speed and its tension."""
 
     profile: Profile
     rotor: Rotor
     speed: Scalar
     counts: FunctionCounts
-    pull: Array  # N
+    pull: Array  # tension of steady rotation at the points, N
     tensioned: bool
 
     @property
@@ -57,7 +56,7 @@ class _Case(NamedTuple):
         return self.profile.span
 
     def total(self, weight: Any, x: Array, y: Array | None = None) -> Array:
-        """int weight x^H y by x / L; without y x^H x, which is real."""
+        """The integral of weight x^H y by x / L; with None of weight x^H x, which is real."""
         weight = weight.reshape(-1, *(1,) * (x.ndim - 1))
         if y is None:
             return self.span.total(weight * _square(x))
@@ -70,8 +69,8 @@ class _Case(NamedTuple):
 
 
 class _Rotary(NamedTuple):
-    """Rotary inertia at places along the beam: mass and stiffness by slopes by x / L, in plane and
-    in flap, (..., 2, 2), and what stiffness has by the winding phi, None for zero."""
+    """Rotary inertia at places along the beam: coefficients of mass and stiffness by products of
+    slopes in plane and in flap, (..., 2, 2), and of stiffness by the turn phi, None for zero."""
 
     inertia: Array
     stiffness: Array
@@ -79,7 +78,7 @@ class _Rotary(NamedTuple):
 
     @classmethod
     def of(cls, case: _Case, moments: SecondMoments | None, scale: Any) -> "_Rotary | None":
-        """Rotary inertia of second moments E_kl of mass, times a scale."""
+        """Rotary inertia of mass with second moments E_kl, times a scale."""
         if moments is None:
             return None
         square = scale / case.rotor.beam.length**2
@@ -103,7 +102,7 @@ class _Turning(NamedTuple):
 
     sections: _Rotary | None
     body: _Rotary | None
-    wound: Array | None  # (p,): by v' w'' - w' v'' along the beam
+    wound: Array | None  # (p,), coefficients of v' w'' - w' v'' in the stiffness
 
     @classmethod
     def of(cls, case: _Case) -> "_Turning":
@@ -112,7 +111,7 @@ class _Turning(NamedTuple):
         sections = _Rotary.of(case, of_sections(rotor, at), rotor.beam.length)
         body = _Rotary.of(case, of_body(rotor), 1.0)
         if body is not None and case.tensioned:
-            # Its centre comes nearer to the axis when it turns.
+            # The centre of the body comes nearer to the axis of rotation when the body turns.
             pull = rotor.tip_mass * rotor.tip_mass_radius * case.speed**2
             nearer = pull * rotor.tip_body.centre(0.0, 1.0) / rotor.beam.length**2
             body = body._replace(stiffness=body.stiffness + nearer * np.eye(2))
@@ -129,9 +128,9 @@ def frequency_error(
     x: Shape, profile: Profile, rotor: Rotor, speed: Scalar, eigenvalue: Array,
     counts: FunctionCounts, pull: Array | None,
 ) -> Float[Array, " k"]:  # fmt: skip
-    """Estimate for each eigenvalue, of which x are the shapes, relative; zero for zero ones. `pull`
-    is the tension of steady rotation, in N, None in a theory that does not know it. Where shapes
-    are real, as without axial motion they are, squares of eigenvalues have to be so."""
+    """Estimated relative error of each eigenvalue, zero for zero ones; x are the shapes. `pull` is
+    the tension of steady rotation, in N, None in a theory without it. Where shapes are real, as
+    without axial motion, squares of eigenvalues have to be real."""
     none = jnp.zeros_like(profile.mass)
     has_strain = pull is not None
     case = _Case(profile, rotor, speed, counts, none if pull is None else pull, has_strain)
@@ -149,7 +148,8 @@ def frequency_error(
 
 
 def _quotient(forms: Any, square: Array, eigenvalue: Array) -> tuple[Array, Array, Array]:
-    """x^H Q x, its derivative by the eigenvalue, and the strain energy."""
+    """The quotient x^H Q x of shapes, its derivative by the eigenvalue, and twice the strain
+    energy, from the `forms` of `_forms`."""
     m, g, stiffness, energy = forms
     value, slope = square * m + stiffness, 2 * eigenvalue * m
     return (value, slope, energy) if g is None else (value + eigenvalue * g, slope + g, energy)
@@ -158,7 +158,7 @@ def _quotient(forms: Any, square: Array, eigenvalue: Array) -> tuple[Array, Arra
 def forms(
     x: Shape, profile: Profile, rotor: Rotor, speed: Scalar, counts: FunctionCounts, pull: Array
 ) -> tuple[Array, Array, Array]:
-    """x^H M x, x^H G x and x^H K x of shapes, with the tension `pull`."""
+    """The forms x^H M x, x^H G x and x^H K x of shapes, with the tension `pull`."""
     case = _Case(profile, rotor, speed, counts, pull, True)
     m, g, k, _ = _forms(case, _Turning.of(case), x)
     return m, jnp.zeros_like(m) if g is None else g, k
@@ -179,12 +179,13 @@ def tension(profile: Profile, rotor: Rotor, speed: Scalar, rounds: int = 0) -> A
 
 
 def _times(real: Array, x: Array) -> Array:
-    """The product, for which compilers would make the real factor complex."""
+    """The product of a real and a complex array, by real and imaginary parts: faster than XLA's,
+    which converts the real one."""
     return jax.lax.complex(real * x.real, real * x.imag) if jnp.iscomplexobj(x) else real * x
 
 
 def _square(x: Array) -> Array:
-    """|x|^2."""
+    """The square |x|^2 of real or complex numbers."""
     return x.real**2 + x.imag**2 if jnp.iscomplexobj(x) else x**2
 
 
@@ -194,13 +195,13 @@ def _outer(e: Any, table: Array) -> Array:
 
 
 def _by_slopes(table: Array, x: Array) -> Array:
-    """x^H table x by slopes (..., 2, k)."""
+    """The forms x^H table x of slopes x in plane and in flap, (..., 2, k)."""
     return jnp.einsum("...ik,...ij,...jk->...k", x.conj(), table, x)
 
 
 def _forms(case: _Case, turning: _Turning, x: Shape) -> tuple[Array, Array | None, Array, Array]:
-    """x^H M x, x^H G x (None for zero) and x^H K x of k shapes, and of this the strain energy
-    without springs."""
+    """The forms x^H M x, x^H G x (None for zero) and x^H K x of k shapes, and the part of the last
+    that is strain energy, without springs."""
     profile, length, mass, at_tip = (
         case.profile, case.rotor.beam.length, case.rotor.tip_mass, case.tip(x)
     )  # fmt: skip
@@ -209,7 +210,7 @@ def _forms(case: _Case, turning: _Turning, x: Shape) -> tuple[Array, Array | Non
     energy = case.total(profile.in_plane / length**3, first)
     energy = energy + case.total(profile.flap / length**3, second)
     gyroscopic = None
-    if x.value.shape[1] > 2:  # it moves axially, too
+    if x.value.shape[1] > 2:  # shapes have axial motion
         energy = energy + case.total(profile.axial / length, x.slope[:, 0])
         swept = case.total(profile.mass, x.value[:, 1], x.value[:, 0])
         swept = swept + mass * at_tip[1].conj() * at_tip[0]
@@ -233,12 +234,12 @@ def _forms(case: _Case, turning: _Turning, x: Shape) -> tuple[Array, Array | Non
 
 
 def _left_out(case: _Case, turning: _Turning, x: Shape, square: Array, eigenvalue: Array) -> Shape:
-    """d of the module's docstring."""
+    """The shape d that functions leave out of modes x, by its curvature d'' = C m - k."""
     profile, span, length = case.profile, case.span, case.rotor.beam.length
     swings, drags = square - case.speed**2, 2 * case.speed * eigenvalue
 
     def inertia(moved: Array) -> list[Array]:
-        """Forces over the mass in each direction, of displacements (..., 3 or 2, k)."""
+        """Inertia forces over the mass by displacements (..., 3 or 2, k), in each direction."""
         swing, drag, own = (
             a.reshape(*(1,) * (moved.ndim - 2), -1) for a in (swings, drags, square)
         )
@@ -249,7 +250,7 @@ def _left_out(case: _Case, turning: _Turning, x: Shape, square: Array, eigenvalu
         return [drag * in_plane - swing * along, -drag * along - swing * in_plane, -own * flap]
 
     at_tip = [case.rotor.tip_mass * force for force in inertia(case.tip(x))]
-    # Of displacements times the mass, of which forces are the sums over what is farther out.
+    # Inertia forces of the mass outboard of each point: integrals of displacements times mass.
     carried = inertia(span.beyond(_times(profile.mass[:, None, None], x.value)))
     arm = case.rotor.tip_body.centre(1 - span.xi, 1.0, length)
     bends = x.slope[:, -2:]
@@ -278,7 +279,7 @@ def _left_out(case: _Case, turning: _Turning, x: Shape, square: Array, eigenvalu
 
 
 def _turned(case: _Case, turning: _Turning, x: Shape, square: Array) -> Any:
-    """Moments (p, 2, k) by rotary inertia, over the length."""
+    """Bending moments (p, 2, k) by rotary inertia, over the length."""
     span, bends, bent = case.span, x.slope[:, -2:], x.curvature[:, -2:]
     out = jnp.zeros_like(bends)
     if (sections := turning.sections) is not None:
@@ -296,10 +297,10 @@ def _turned(case: _Case, turning: _Turning, x: Shape, square: Array) -> Any:
 
 
 def _curvatures(case: _Case, moment: Array) -> Array:
-    """Curvatures by moments in plane and in flap (p, 2, k), or by one where only that may bend."""
+    """Curvatures by moments in plane and in flap (p, 2, k), or in the one direction that bends."""
     own, across = case.profile.compliances
     if across is not None and not all(case.counts[1:]):
-        # c^2 EI_zz + s^2 EI_yy is EI_zz EI_yy times the compliance across the other axis.
+        # The stiffness c^2 EI_zz + s^2 EI_yy is EI_zz EI_yy times the other direction's compliance.
         stiff = case.profile.in_plane * case.profile.flap
         own, across = [1 / (stiff * c) for c in own[::-1]], None
     bent = jnp.stack(own, 1)[:, :, None] * moment

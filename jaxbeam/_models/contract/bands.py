@@ -37,6 +37,6 @@ class NodeByNode(NamedTuple):
     """
 
     n_elements: int
-    # Whether, in units of the beam, all depends on speed, hub radius, tip mass and slenderness
+    # Whether, in units of the beam, motion depends on speed, hub radius, tip mass and slenderness
     # alone.
     depends_on_four: bool

@@ -32,18 +32,18 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     """
 
     rotor_type: ClassVar[type[Rotor] | type[SpringRotor]] = Rotor
-    # Names of what it knows beyond a plain rotor and a force at its tip, and of what it must have:
-    # see `supports.py`. What derives from a model inherits all but `supports_in_matrices`.
+    # Names of features that the model knows, beyond a plain rotor with a force at its tip, and of
+    # those that it needs: see `supports.py`. Subclasses inherit all but `supports_in_matrices`.
     supports: ClassVar[frozenset[str]] = frozenset()
     supports_in_matrices: ClassVar[frozenset[str]] = frozenset()
     needs: ClassVar[frozenset[str]] = frozenset()
-    # What the ladder asks. `called` is of the class itself, the name of the theory in words.
+    # Class variables for the ladder; `called` is the name of the theory in words, not inherited.
     called: ClassVar[str]
-    couples_all: ClassVar[bool] = False  # whether anything may be coupled with anything
-    is_linear: ClassVar[bool] = False  # whether its equations of motion are
-    step_tolerance: ClassVar[float] = 1e-6  # of steps in time, relative, where none is given
-    # Whether it converges to the exact rod of the engineering strain, to which errors refer; what
-    # derives from such a model does not by that.
+    couples_all: ClassVar[bool] = False  # whether any two directions may be coupled, in any phase
+    is_linear: ClassVar[bool] = False  # whether the equations of motion are linear
+    step_tolerance: ClassVar[float] = 1e-6  # default relative tolerance of steps in time
+    # Whether it converges to the exact rod of the engineering strain, to which errors refer. Not
+    # inherited.
     is_reference: ClassVar[bool] = False
     neglects: ClassVar[Neglects] = Neglects()
 

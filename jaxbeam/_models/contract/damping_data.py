@@ -6,14 +6,14 @@ from jaxtyping import Array, Float
 
 from jaxbeam._types import Matrix, Number
 
-Dampers = tuple[Number | None, Number | None]  # of the root, in plane and in flap, N m s
+Dampers = tuple[Number | None, Number | None]  # at the root, in plane and in flap, N m s
 
 
 class Drag(eqx.Module):
-    """`Damping` as the equations of one beam have it: coefficients; dampers of the root, where its
-    angles are not linear in the coordinates; a matrix that depends on no state, of ratios and of
-    dampers whose angles are; coefficients of full sections, of models that support these; and
-    dampers of supports."""
+    """A `Damping` in the form that equations of motion take: coefficients; dampers of the root, if
+    its angles are not linear in the coordinates; a constant matrix, of ratios and of dampers whose
+    angles are linear; coefficients of full sections, in models that support these; and dampers of
+    supports."""
 
     mass_coefficient: Number | None = None
     stiffness_coefficient: Number | None = None

@@ -1,4 +1,4 @@
-"""Where models come in: arguments of public functions that are models, or errors."""
+"""Checks of the model, rotor and speed that public functions are given."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from jaxbeam._types import Scalar, is_concrete
 
 
 def checked_model(model: Any) -> AbstractModel:
-    """The argument, if it is a model; else an error that says what is one."""
+    """The argument, if it is a model; raises `TypeError` otherwise."""
     if not isinstance(model, AbstractModel):
         raise TypeError(f"model must be a model, such as jaxbeam.Hybrid(), got {kind_of(model)}")
     return model
@@ -25,6 +25,6 @@ def checked_case(
 
 
 def fastest(speeds: Any) -> Any:
-    """The largest of several speeds, as far as they are known and finite."""
+    """The largest magnitude of several speeds that are concrete and finite; zero for others."""
     values = np.asarray(speeds, float) if is_concrete(speeds) else np.zeros(0)
     return np.max(np.abs(values[np.isfinite(values)]), initial=0.0)

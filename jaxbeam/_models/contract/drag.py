@@ -23,7 +23,7 @@ from jaxbeam._types import Matrix, Vector
 
 
 def drag_of(damping: Damping, model: AbstractModel, rotor: AnyRotor, equations: Equations) -> Drag:
-    """A damping in the equations of a model of a rotor, all in range."""
+    """The `Drag` of a damping for the equations of a model and rotor; all in range."""
     matrix = _modal(damping, model, rotor) if damping.ratios else None
     dampers, slopes = damping.dampers, equations.root_slopes()
     if slopes is not None:
@@ -40,8 +40,8 @@ def drag_of(damping: Damping, model: AbstractModel, rotor: AnyRotor, equations: 
 
 
 def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
-    """C = M Phi diag(2 zeta w) Phi^T M of the modes at the `ratio_speed`, see `Damping`; those
-    without Coriolis forces, each direction by itself but where turned sections couple them."""
+    """The matrix C = M Phi diag(2 zeta w) Phi^T M of `Damping`, by modes at the `ratio_speed`
+    without Coriolis forces, direction by direction unless turned sections couple these."""
     speed = damping.ratio_speed
     system = model.matrices(rotor, jnp.zeros(()) if speed is None else speed)
     out = jnp.zeros_like(system.mass)
@@ -65,7 +65,7 @@ def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
             ratio = ratio[assigned(share)]
         moves = square > 0
         omega = jnp.where(moves, jnp.sqrt(jnp.where(moves, square, 1.0)), 0.0)
-        # What diverges has no frequency, and its ratio no meaning: the case is to fail.
+        # A mode that diverges has no frequency, and its ratio no meaning: NaN makes the case fail.
         rounding = 64 * jnp.finfo(m.dtype).eps * jnp.sum(jnp.abs(phi) * (jnp.abs(phi) @ abs(k)), 1)
         lost = (square < -rounding) & (ratio > 0)
         rate = jnp.where(lost, jnp.nan, 2 * ratio * omega)
@@ -76,8 +76,8 @@ def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
 
 @jax.custom_jvp
 def _pairs(m: Matrix, k: Matrix, phi: Matrix, square: Vector) -> tuple[Matrix, Vector]:
-    """Modes as rows, with phi M phi^T = 1, and squares of frequencies, which know derivatives by
-    M and K, to any order, where no two are equal."""
+    """The given modes as rows, with phi M phi^T = 1, and squares of frequencies, with derivatives
+    by M and K to any order, except where two are equal."""
     return phi, square
 
 
@@ -93,7 +93,7 @@ def _pairs_jvp(primals: Any, tangents: Any) -> tuple[tuple[Matrix, Vector], tupl
 
 
 def _held_together(system: LinearSystem, rotor: AnyRotor) -> Iterator[tuple[Direction, ...]]:
-    """Directions of the system, those together that are coupled by stiffness or mass."""
+    """Groups of directions of the system that stiffness or mass couple."""
     for transverse, quadrature in coupling_groups(rotor):
         for directions in (transverse, *((direction,) for direction in quadrature)):
             there = tuple(f for f in directions if system.where(f).size)
@@ -102,7 +102,8 @@ def _held_together(system: LinearSystem, rotor: AnyRotor) -> Iterator[tuple[Dire
 
 
 def _by_number(ratio: Array | None, size: int) -> Float[Array, " k"]:
-    """Ratios of so many modes of a direction, of which the last is that of all beyond."""
+    """Damping ratios of the modes of a direction, `size` of them: the last one given is that of all
+    higher modes."""
     if ratio is None:
         return jnp.zeros(size)
     given = jnp.atleast_1d(ratio)

@@ -14,7 +14,7 @@ from jaxbeam._types import Matrix, Number, Vector
 class Elasticity(eqx.Module):
     """Elastic forces as a function of the coordinates."""
 
-    takes_lanes: ClassVar[bool] = False  # whether it suits `kernel`; each class says so itself
+    takes_lanes: ClassVar[bool] = False  # whether it suits `kernel`; not inherited
 
     @abc.abstractmethod
     def energy(self, q: Vector) -> Number:
@@ -22,7 +22,7 @@ class Elasticity(eqx.Module):
 
     @abc.abstractmethod
     def force(self, q: Vector) -> Vector:
-        """Left-hand side of the equations; the gradient of the energy unless a theory differs."""
+        """The elastic force: the gradient of the energy, unless a theory has another one."""
 
     def nonconservative_force(self, q: Vector) -> Vector:
         """The force minus the gradient of the energy."""
@@ -34,7 +34,7 @@ class Elasticity(eqx.Module):
 
     @abc.abstractmethod
     def viscous(self, q: Vector, v: Vector) -> Vector:
-        """The viscous force, of stresses that are the stiffness times the rates of strain: see
+        """The force of viscous stresses, which are stiffness times rates of strain: see
         `strained.py`."""
 
     @abc.abstractmethod

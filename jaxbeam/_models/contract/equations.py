@@ -1,4 +1,4 @@
-"""Equations of motion, which every model has of its own."""
+"""Equations of motion: what the equations of every model provide."""
 
 import abc
 from typing import Any, NamedTuple, Self
@@ -24,13 +24,14 @@ from jaxbeam._rotor.motion import Hub, axes, cross, rotation_vector
 from jaxbeam._rotor.span import Span
 from jaxbeam._types import Matrix, Number, Triple, Vector
 
-_MOST_HIGH = 0.1  # of the forces, that may be in the highest functions
-# How the hub moves, and what acts at the tip (a force, a `TipLoad` or None) and along the span.
+_MOST_HIGH = 0.1  # share of forces in the highest functions up to which functions are enough
+# Motion of the hub, load at the tip (a force, a `TipLoad` or None) and force along the span.
 Inputs = tuple[Hub, Any, AbstractSpanForce | None]
 
 
 def forces_are_resolved(share: tuple[Number, Number] | None) -> Array | bool:
-    """Whether functions are enough for the forces in sections, by `Equations.high_share`."""
+    """Whether functions are enough for the forces in sections, by energies as of
+    `Equations.high_share`."""
     return True if share is None else share[0] <= _MOST_HIGH**2 * share[1]
 
 
@@ -61,9 +62,9 @@ class Equations(eqx.Module):
 
     mass: eqx.AbstractVar[Matrix | BlockTridiagonal | SmallMatrix]
     rigid_moments: eqx.AbstractVar[Triple]  # int (1, X, X^2) dm, X the distance from the axis
-    length: eqx.AbstractVar[Number]  # length, the yardstick of displacements, m
+    length: eqx.AbstractVar[Number]  # length of the beam, a scale of displacements, m
     tip_radius: eqx.AbstractVar[Number]  # distance of the undeformed tip from the axis, m
-    energy_scale: eqx.AbstractVar[Number]  # a natural unit of energy, J
+    energy_scale: eqx.AbstractVar[Number]  # a scale of energies, such as EI / L, J
 
     @property
     def kernel(self) -> Self | None:
@@ -78,20 +79,20 @@ class Equations(eqx.Module):
 
     @property
     def functions(self) -> Shapes | None:
-        """Functions along a beam that varies, where they are the model's own."""
+        """The model's functions along a beam that varies; None of other beams and elements."""
         return None
 
     @property
     def undeformed(self) -> Undeformed:
-        """The beam that points from the hub along a1."""
+        """The undeformed beam, along a1 from the hub."""
         mass, first, second = self.rigid_moments
         along, across = np.eye(3)[0], np.diag([0.0, 1.0, 1.0])
         return Undeformed(mass, first * along, second * across, self.tip_radius * along)
 
     @abc.abstractmethod
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
-        """Right-hand side, all but damping; `tip_force` in hub axes, in N, or where it is borne a
-        `TipLoad`."""
+        """Right-hand side of the equations of motion without damping; `tip_force` is in hub axes,
+        in N, or a `TipLoad` for models that know it."""
 
     def as_force(self, q: Vector, generalised: Vector) -> Vector:
         """A generalised force (its power, in W, is that times q') as it enters `force`."""
@@ -110,12 +111,13 @@ class Equations(eqx.Module):
         return change
 
     def displaced(self, q: Vector) -> Vector:
-        """How far coordinates are from those of the undeformed beam, measured as small changes."""
+        """Difference of coordinates from those of the undeformed beam, as small changes of n
+        coordinates."""
         return q
 
     def velocity_measure(self) -> Matrix | None:
-        """The matrix W of v^T W v, the square of one velocity by which the control of errors is to
-        measure all velocities; None where each is measured by itself."""
+        """The matrix W of v^T W v, the square of one velocity that scales the errors of all
+        velocities in step-size control; None where each has a scale of its own."""
         return None
 
     @property
@@ -144,8 +146,8 @@ class Equations(eqx.Module):
         return self.generalised(q, self.damping_tangents(q, jnp.zeros_like(q), drag)[1])
 
     def generalised(self, q: Vector, a: Any) -> Matrix:
-        """A matrix of forces made one of generalised forces, where `force` scales them; at rest the
-        slope of the scale does not count."""
+        """A matrix of generalised forces from one of forces, which `force` may scale; at rest the
+        derivative of the scale has no effect."""
         return dense(a) / self.as_force(q, jnp.ones_like(q))[:, None]
 
     @abc.abstractmethod
@@ -154,12 +156,12 @@ class Equations(eqx.Module):
 
     @abc.abstractmethod
     def viscous_force(self, q: Vector, v: Vector) -> Vector:
-        """B^T D B q', B = d strain/dq and D the stiffness of strains: what stresses do that are the
-        stiffness times the rates of strain. See `strained.py`."""
+        """The force B^T D B q' of stresses that are stiffness times rates of strain, with B =
+        d strain/dq and D the stiffness. See `strained.py`."""
 
     @abc.abstractmethod
     def strain_energy(self, q: Vector) -> Number:
-        """U, in J; zero at q = 0."""
+        """Strain energy U, in J; zero at q = 0."""
 
     def root_slopes(self) -> Float[Array, "2 n"] | None:
         """Angles of the root, in plane and in flap, by coordinates, where they are linear in
@@ -167,8 +169,8 @@ class Equations(eqx.Module):
         return None
 
     def damper_force(self, q: Vector, v: Vector, dampers: Dampers) -> Vector:
-        """B^T d B q', B = d phi/dq, of dampers d at the root with angles phi, where these are not
-        linear; of models that support dampers."""
+        """The force B^T d B q', B = d phi/dq, of dampers d at the root with angles phi that are not
+        linear in q; for models that support dampers."""
         raise NotImplementedError
 
     def damper_tangents(self, q: Vector, v: Vector, dampers: Dampers) -> tuple[Any, Any]:
@@ -176,20 +178,21 @@ class Equations(eqx.Module):
         raise NotImplementedError
 
     def like_mass(self, matrix: Matrix) -> Any:
-        """A matrix converted to the kind of `mass`; of models whose `Drag` has one."""
+        """A matrix (n, n) converted to the kind of `mass`; for models whose `Drag` has a matrix."""
         return matrix
 
     def nonconservative_force(self, q: Vector) -> Vector:
-        """elastic_force minus the gradient of strain_energy: zero, but for Model A."""
+        """The part of elastic forces without a potential: `elastic_force` minus the gradient of
+        `strain_energy`, zero in all models but Model A."""
         return jnp.zeros_like(q)
 
     @abc.abstractmethod
     def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
-        """T without that of the rigid undeformed beam, T(0, 0, v, omega), in J."""
+        """Kinetic energy T without that of the rigid undeformed beam, T(0, 0, v, omega), in J."""
 
     @abc.abstractmethod
     def first_moment(self, q: Vector) -> Triple:
-        """int u dm: mass times the displacement of its centre, kg m."""
+        """First moment int u dm: the mass times the displacement of its centre, kg m."""
 
     @abc.abstractmethod
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
@@ -210,7 +213,7 @@ class Equations(eqx.Module):
         return self.displacement(q, np.ones(1))[0]
 
     def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
-        """Angle of torsion at x = xi L, in rad: none, but in space."""
+        """Angle of torsion at x = xi L, in rad; zero for models without torsion."""
         return jnp.zeros(len(xi), q.dtype)
 
     @property
@@ -231,26 +234,30 @@ class Equations(eqx.Module):
     def own_section_loads(
         self, q: Vector, v: Vector, xi: np.ndarray, outside: Any
     ) -> tuple[Array, Array] | None:
-        """Force and moment in sections, as of `section_loads`, where the model has its own."""
+        """Force and moment in sections, as of `section_loads`, for models with equations of their
+        own for these; None for others."""
         return None
 
     def own_reaction(
         self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
     ) -> tuple[Triple, Triple] | None:
-        """Force, and moment about its centre, by which the hub holds a beam that rests in it, where
-        the model has its own."""
+        """Force, and moment about its centre, by which the hub holds a beam that rests in it, for
+        models with equations of their own for these; None for others."""
         return None
 
     def is_held(self, state: Rest) -> Array | None:
-        """Whether something holds a beam in its state of rest; None where its supports do."""
+        """Whether a state of rest is one that supports or loads hold in place; None where supports
+        are sure to."""
         return None
 
     def lacking_about(self, q: Vector) -> Matrix | None:
-        """The most by which the stiffness about q may be too small, where that is known."""
+        """The matrix by which the stiffness about q may be too small at most; None where that is
+        not known."""
         return None
 
     def high_share(self, q: Vector) -> tuple[Number, Number] | None:
-        """Energy of forces in the highest functions, and of all forces in sections, if known."""
+        """Energy of the forces in the highest functions, and of all forces in sections; None where
+        these are not known."""
         return None
 
     def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
@@ -275,8 +282,8 @@ class Equations(eqx.Module):
         return jnp.stack([about, lag, -lowering], 1)
 
     def tip_energy(self, body: Tip, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
-        """Kinetic energy of what is at the tip, in J: of its mass M where it is, r + c r', and of a
-        body `turning_energy`."""
+        """Kinetic energy of the mass at the tip, in J: of a mass M at r + c r', and for a body also
+        `turning_energy`."""
 
         def centre(q: Vector) -> Any:
             return body.centre(self.undeformed.tip + self.tip(q), self.end(q))
@@ -289,11 +296,11 @@ class Equations(eqx.Module):
         return energy
 
     def end(self, q: Vector) -> Triple:
-        """The vector r' at the tip, in the direction that a body there has."""
+        """The vector r' at the tip, along the axis of a body there."""
         return self.direction(q, np.ones(1))[0]
 
     def turning_energy(self, body: TipBody, q: Vector, v: Vector, spin: Triple) -> Number:
-        """Energy of a body at the tip because it turns, in J: here without axial inertia."""
+        """Kinetic energy of rotation of a body at the tip, in J; here without axial inertia."""
         along, rate = jax.jvp(self.end, (q,), (v,))
         rate = rate + cross(spin, along)
         return body.inertia * pairwise_sum(rate * rate) / 2
@@ -306,7 +313,7 @@ class Equations(eqx.Module):
         return None
 
     def is_in_range(self, q: Vector) -> Array:
-        """Whether the beam is deformed by no more than what the model is made for."""
+        """Whether deformation is within the range that the model is valid for."""
         return jnp.asarray(True)
 
     def is_unfolded(self, q: Vector) -> Array:
@@ -349,7 +356,7 @@ class Equations(eqx.Module):
         the matrix do, T seen from the hub; see `Damping`."""
         out = jnp.zeros_like(q)
         if drag.mass_coefficient is not None:
-            still = jnp.zeros((3, *q.shape[1:]), q.dtype)  # behind q there may be lanes
+            still = jnp.zeros((3, *q.shape[1:]), q.dtype)  # q may have axes of lanes
 
             def kinetic(v: Array) -> Array:
                 return jnp.sum(self.kinetic_energy(q, v, still, still))

@@ -15,9 +15,9 @@ from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 
 class Rest(NamedTuple):
-    """A state of rest: its coordinates, the status of the search for it, and where the search knows
-    them the matrices of mass, of rates and of stiffness for small motion about it, what the
-    stiffness lacks, and what the root takes along (see `LinearSystem`)."""
+    """A state of rest: its coordinates, the status of the search for it, and, if the search has
+    them, the matrices of mass, of rates and of stiffness for small motion about it, with `lacking`
+    and `taken_along` as of `LinearSystem`."""
 
     q: Vector
     status: Code
@@ -40,8 +40,8 @@ def equilibrium(
     scale = equations.energy_scale / equations.length
 
     def share(fraction: Scalar | float) -> tuple[Hub, Any]:
-        """A share of the load: the motion of the hub, and what acts at the tip."""
-        root = jnp.sqrt(fraction)  # loads are quadratic in the velocities, linear in all else
+        """A fraction of the load: the motion of the hub and the load at the tip, scaled."""
+        root = jnp.sqrt(fraction)  # inertia forces are quadratic in velocities
         part = Hub(
             root * hub.velocity, root * hub.angular_velocity, fraction * hub.velocity_rate,
             fraction * hub.angular_velocity_rate, fraction * hub.gravity,
@@ -65,11 +65,11 @@ def equilibrium(
             k = k + fraction * by_span
         return (equations.length / scale) * k
 
-    # Of the size of what loads do to a rigid beam, by the acceleration that they give its mass.
+    # A support of the size of the loads on the undeformed beam, in proportion to its mass matrix.
     load = jnp.max(jnp.abs(residual(rest)))
     inertia = dense(equations.mass) / equations.as_force(rest, jnp.ones_like(rest))[:, None]
     support = jax.lax.stop_gradient(inertia * load / jnp.max(jnp.abs(inertia)))
-    # That of elements costs much less than derivatives by each of many unknowns.
+    # The Jacobian of elements costs much less than derivatives by one unknown after the other.
     by_elements = isinstance(equations.mass, BlockTridiagonal)
     q, done = find_root(residual, rest, support=support, jacobian=jacobian if by_elements else None)
     q = equations.length * q

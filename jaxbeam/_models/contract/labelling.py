@@ -1,4 +1,4 @@
-"""Which uncoupled mode a coupled one is like: what labels of modes are."""
+"""Labels of modes: the uncoupled mode that a coupled one has most of."""
 
 import itertools
 from collections.abc import Sequence
@@ -18,13 +18,16 @@ def uncoupled(
     m: Array, k: Array, directions: Sequence[Direction], sizes: Sequence[int], free: int,
     bent: bool, taken_along: Float[Array, "n n"] | None = None,
 ) -> Float[Array, "n n"]:  # fmt: skip
-    """M v of the uncoupled modes v, of unit modal mass, as columns; `sizes` are those of the
-    directions, one behind the other. About states that are `bent` axial motion follows bending: a
-    beam that may only move across cannot but stretch. All follows torsion: sections that couple it,
-    and axes that are curved, would hardly let it be otherwise.
+    """The products M v of the uncoupled modes v, of unit modal mass, as columns, for coordinates
+    ordered by direction with these `sizes`.
 
-    What a root that yields takes along (see `LinearSystem`) is part of its own motion: where flap
-    on a hinge that is inclined pitches the beam as a rigid body, nothing is twisted."""
+    Modes are uncoupled by direction, but some motions follow others statically. About states that
+    are `bent` axial motion follows bending, since a bent beam that only moved across would stretch.
+    All other motion follows torsion, since coupled sections or a curved axis would hold torsion
+    alone by their stiffness. Rigid-body motion of a root that yields (`taken_along` of
+    `LinearSystem`) is part of the direction of the root: flap about an inclined hinge pitches the
+    beam without torsion.
+    """
     if taken_along is not None:
         rigid = jnp.eye(len(m), dtype=m.dtype) + taken_along
         m, k = (symmetric_part(rigid.T @ a @ rigid) for a in (m, k))
@@ -32,7 +35,7 @@ def uncoupled(
     places = {f: slice(*each) for f, each in zip(directions, itertools.pairwise(ends), strict=True)}
     axial = places.get(Direction.AXIAL)
     every = np.arange(len(m))
-    alike: dict[int, list[Any]] = {}  # those of one size are one program
+    alike: dict[int, list[Any]] = {}  # directions by size: those of one size share a program
     for direction, part in places.items():
         unit = jnp.eye(len(m), dtype=m.dtype)[:, part]
         follows = every[:0]
@@ -45,7 +48,7 @@ def uncoupled(
         else:
             own = np.ix_(follows, follows)
             along = k[own]
-            if free:  # which nothing may hold
+            if free:  # motions that may have no stiffness
                 along = along + shift(m[own], along, free) * m[own]
             with_it = solve_columns(along, k[follows, part])
             moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, follows] @ with_it
@@ -58,22 +61,23 @@ def uncoupled(
         found = jax.lax.map(lambda pair: symmetric_modes(pair[0], pair[1], free), stacks)
         for (part, heavy, *_), v in zip(each, found, strict=True):
             out = out.at[:, part].set(heavy @ v.T)
-    # What takes others along is taken along by nothing: the inverse of 1 + N is 1 - N.
+    # With N = `taken_along`, N N = 0: the inverse of 1 + N is 1 - N.
     return out if taken_along is None else out - taken_along.T @ out
 
 
 def participation(x: Inexact[Array, "k n"], heavy: Float[Array, "n n"]) -> Float[Array, "k n"]:
-    """Share of the kinetic energy of coupled mode i, the rows of x, that lies in uncoupled mode j,
-    by M v of these."""
+    """Share of the kinetic energy of each coupled mode, a row of x, in each uncoupled mode v, with
+    `heavy` the columns M v."""
     share = jnp.abs(x @ heavy) ** 2
     return share / jnp.sum(share, axis=1, keepdims=True)
 
 
 def assigned(share: Float[Array, "n n"]) -> Int[Array, " n"]:
-    """Column for each row: the largest entry first, each row and column used once.
+    """The column assigned to each row: that of the largest entry of all, then of the largest left,
+    each row and column once.
 
-    All pairs that prefer each other are settled at once, which ends in the same assignment as
-    taking the largest entry left, in a few rounds instead of n.
+    All pairs that are each other's largest entries are assigned at once: the result is the same,
+    after a few rounds instead of n.
     """
     n = share.shape[0]
 
@@ -85,7 +89,7 @@ def assigned(share: Float[Array, "n n"]) -> Int[Array, " n"]:
         left = jnp.where(mutual[:, None] | taken[None], -1.0, left)
         return left, jnp.where(mutual, preferred, column)
 
-    # NaN, from a case that failed, would never settle.
+    # With NaN, from a case that failed, the loop would not end.
     start = jnp.where(jnp.isnan(share), 0.0, share)
     return jax.lax.while_loop(lambda state: jnp.any(state[1] < 0), body, (start, jnp.full(n, -1)))[
         1
@@ -93,9 +97,9 @@ def assigned(share: Float[Array, "n n"]) -> Int[Array, " n"]:
 
 
 def ranked(label: Int[Array, " k"], sizes: Sequence[int]) -> Int[Array, " k"]:
-    """Labels, places among coordinates of directions of these sizes, one behind the other, with
-    numbers in the order of the modes within each direction: modes of one kind exchange their motion
-    where they come near, and not their numbers."""
+    """Labels, as indices of coordinates ordered by direction with these sizes, renumbered within
+    each direction in the order of the modes: where two modes of a direction come near they exchange
+    their motion, not their numbers."""
     ends = np.cumsum(sizes)
     direction = jnp.sum(label[:, None] >= ends[None], 1)
     alike = direction[:, None] == direction[None]

@@ -38,8 +38,8 @@ class Conditions(eqx.Module):
     damping: Damping
 
     def status(self, model: AbstractModel, rotor: AnyRotor, speed: Scalar) -> Code:
-        """The status of loads and damping: whether they are in range, and nothing turns in the
-        hub."""
+        """The status of loads and damping: whether they are in range, and gravity is constant in
+        the hub."""
         loads, none = self.loads, jnp.zeros(3, speed.dtype)
         gravity = none if loads.gravity is None else loads.gravity
         tip, span = loads.at_tip(none[0]), loads.span_moments(none[0], rotor.length)
@@ -57,8 +57,8 @@ class Conditions(eqx.Module):
         return held_at_rest(rotor, equations, self.inputs(equations, speed))
 
     def inputs(self, equations: Equations, speed: Scalar, factor: Scalar | None = None) -> Inputs:
-        """The hub that turns steadily, in gravity, and what acts at the tip and along the span; all
-        loads so many times."""
+        """The steady motion of the hub with gravity, the load at the tip and the force along the
+        span; all loads times `factor`."""
         hub, loads = spinning(speed), loads_at(equations, self.loads, jnp.zeros_like(speed))
         gravity = hub.gravity if self.loads.gravity is None else self.loads.gravity
         if factor is not None:
@@ -68,8 +68,8 @@ class Conditions(eqx.Module):
     def system(
         self, model: AbstractModel, rotor: AnyRotor, speed: Scalar, factor: Scalar | None = None
     ) -> LinearSystem:
-        """Matrices of small motion about the steady state, for what is in range, under so many
-        times the loads."""
+        """Matrices of small motion about the steady state under the loads times `factor`, for
+        parameters in range."""
         equations = equations_under(model, rotor, self.loads)
         inputs = self.inputs(equations, speed, factor)
         state = resting(rotor, equations, inputs)
@@ -84,8 +84,8 @@ class Conditions(eqx.Module):
 
 
 def held_at_rest(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
-    """The state of `resting`, and a status that is not OK either where nothing holds the beam,
-    which might rest elsewhere, or where functions cannot follow the forces in it."""
+    """The state of `resting`, with `NOT_HELD` where the beam could as well rest elsewhere, and
+    `TOO_FEW_FUNCTIONS` where functions are not enough for the forces in it."""
     state = resting(rotor, equations, inputs)
     stiff = equations.is_held(state)
     held = first_broken((True if stiff is None else stiff, Status.NOT_HELD))
@@ -96,11 +96,11 @@ def held_at_rest(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
 
 
 def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
-    """Coordinates at which the beam rests in its hub, and the status of the search, which is not OK
-    either where the tip would be farther than ten lengths."""
+    """Coordinates at which the beam rests in its hub, and the status of the search, which also
+    fails where the tip is displaced by more than ten lengths."""
     state = equations.equilibrium(*inputs)
-    # Nothing holds a free hinge in the axis of rotation, and linear theories bend without end.
-    near = jnp.max(jnp.abs(equations.tip(state.q))) < 10 * equations.length  # NaN is not
+    # On a free hinge in the axis of rotation a linear theory may deflect without bound.
+    near = jnp.max(jnp.abs(equations.tip(state.q))) < 10 * equations.length  # false for NaN
     sprung = jnp.asarray(True)
     if isinstance(rotor, Rotor) and rotor.root_springs is not None:
         sprung = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
@@ -109,7 +109,7 @@ def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
 
 
 def equations_under(model: AbstractModel, rotor: AnyRotor, loads: Loads) -> Equations:
-    """Equations of motion, if they can bear the loads."""
+    """Equations of motion of a model that must know the loads; raises `ValueError` otherwise."""
     check_supported(model, rotor, loads)
     return model.equations(rotor)
 
@@ -118,11 +118,11 @@ class SpanLoad(eqx.Module):
     """A force along the span in the equations of one beam."""
 
     integral: AbstractSpanIntegral
-    density: Callable[[Scalar], Float[Array, "p 3"]]  # the force where it is looked at, in N/m
+    density: Callable[[Scalar], Float[Array, "p 3"]]  # the force at the points of integration, N/m
 
     @classmethod
     def of(cls, equations: Equations, loads: Loads) -> "SpanLoad | None":
-        """The force along the span of some loads, if there is one."""
+        """The force along the span of some loads; None without one."""
         if not loads.act_along_span:
             return None
         integral = equations.span_integral(loads.kinks, loads.follows)
@@ -130,15 +130,15 @@ class SpanLoad(eqx.Module):
         return cls(integral, _Density(loads, integral.pace(equations.length), places))
 
     def __call__(self, t: Scalar) -> AbstractSpanForce:
-        """The generalised force at time t."""
+        """The generalised force of the force along the span at time t."""
         return self.integral.generalised_force(self.density(t))
 
 
 class _Density(eqx.Module):
-    """The force along the span at places x / L."""
+    """The force per length, in N/m, at places x / L as a function of time."""
 
     loads: Loads
-    pace: Any  # m by x / L
+    pace: Any  # derivative of arc length by x / L, m
     xi: tuple[float, ...] = eqx.field(static=True)
 
     def __call__(self, t: Scalar) -> Float[Array, "p 3"]:
@@ -153,7 +153,8 @@ def loads_at(equations: Equations, loads: Loads, t: Scalar) -> tuple[Any, Abstra
 
 
 def checked_damping(damping: Any, case: tuple[AbstractModel, AnyRotor] | None = None) -> Damping:
-    """The argument, if it is a damping that a `case`, a model and a rotor, bears."""
+    """The argument, if it is a `Damping` and the model and rotor of a `case` know it; raises
+    otherwise."""
     if not isinstance(damping, Damping):
         raise TypeError(f"damping must be of class Damping, got {kind_of(damping)}")
     if case is not None:
@@ -165,9 +166,12 @@ def checked_conditions(
     loads: Any, damping: Any, case: tuple[AbstractModel, AnyRotor] | None = None,
     speeds: Iterable[Any] = (), throw: bool = False,
 ) -> Conditions | None:  # fmt: skip
-    """Loads and damping, if they are what a beam can turn steadily under; None where there are
-    none. Of a `case`, a model and a rotor, what is plain from numbers is told at once, with
-    `throw` also what has a status, at `speeds`: see `first_look.py`."""
+    """Loads and damping as `Conditions`; None where there are none.
+
+    Raises for arguments of other kinds, loads that depend on time, and features that the model of a
+    `case`, a model and a rotor, does not know; with `throw` also for concrete numbers that cannot
+    be right at `speeds` (see `first_look.py`).
+    """
     if not isinstance(loads, Loads):
         raise TypeError(f"loads must be of class Loads, got {kind_of(loads)}")
     checked_damping(damping)
@@ -198,8 +202,8 @@ def checked_conditions(
 def checked_potential(
     loads: Any, case: tuple[AbstractModel, AnyRotor], throw: bool
 ) -> Conditions | None:
-    """Loads that have a potential, without damping, for a model and a rotor that turns; None where
-    there are none."""
+    """Loads without damping as `Conditions`, for a model and a rotor that turns; None without
+    loads. Raises `ValueError` for loads that have no potential."""
     conditions = checked_conditions(loads, NO_DAMPING, case, (1.0,), throw)
     if loads.has_potential:
         return conditions
@@ -213,7 +217,7 @@ def checked_potential(
 def system_of(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Conditions | None
 ) -> LinearSystem:
-    """Matrices of small motion under conditions, if there are any."""
+    """Matrices of small motion about steady rotation, under conditions or, with None, without."""
     if conditions is None:
         return model.matrices(rotor, speed)
     return conditions.system(model, rotor, speed)
@@ -222,8 +226,8 @@ def system_of(
 def guarded_conditions(
     model: AbstractModel, rotor: AnyRotor, speed: Scalar, conditions: Held
 ) -> tuple[Code, AnyRotor, Scalar, Held]:
-    """Whether all is in range, under conditions if there are any, and harmless numbers in the place
-    of those that are not."""
+    """The status of rotor, speed and conditions, and these with harmless numbers where they are not
+    in range."""
     given, rotor, speed = guarded(rotor, speed)
     if conditions is None:
         return given, rotor, speed, conditions

@@ -24,12 +24,12 @@ from jaxbeam._rotor.motion import Hub, cross
 from jaxbeam._rotor.span import Span, on
 from jaxbeam._types import Number, Scalar, Triple, Vector
 
-_POINTS = 16  # of each piece: products of three cubics and a line are exact
+_POINTS = 16  # Gauss points of each piece: exact for products of three cubics and a line
 _Rows = Float[Array, "p 3"]
 
 
 class Environment(NamedTuple):
-    """Everything that acts on a beam at time t: its hub, loads, and damping."""
+    """Motion of the hub, loads and damping of a beam at time t."""
 
     hub: Hub
     loads: Loads
@@ -43,7 +43,7 @@ class Environment(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """Coordinates, velocities and the rates of these."""
+    """Coordinates of a beam in motion, velocities, and rates of velocities."""
 
     q: Vector
     v: Vector
@@ -53,10 +53,10 @@ class Moved(NamedTuple):
 def section_loads(
     rotor: AnyRotor | None, equations: Equations, outside: Environment, moved: Moved, xi: np.ndarray
 ) -> tuple[Float[Array, "p 3"], Float[Array, "p 3"]]:
-    """Force (N) and moment (N m) by which what is outboard acts on sections at x = xi L, in their
-    axes: the tangent and the two axes of `Equations.section_axes`. Moments are that about the
-    tangent and those that bend in plane and in flap, which about the axes are the first one, the
-    last one with the sign changed, and the one between.
+    """Force (N) and moment (N m) on sections at x = xi L by the beam outboard of them, in their
+    axes: the tangent and the two other axes of `Equations.section_axes`. Moments are that about the
+    tangent (torsion), that about the third axis (bending in plane), and minus that about the second
+    axis (bending in flap).
 
     Raises `ValueError` for a beam that has no sections.
     """
@@ -73,7 +73,7 @@ def section_loads(
     span = Span.between(tuple(edges), _POINTS)
     force, couple = _along(rotor, equations, outside, moved, span)
     tip_force, tip_moment = _at_tip(rotor, equations, outside, moved)
-    # About the tip, so that towards it moments are not the small difference of large ones.
+    # Moments are taken about the tip: those near it would else be small differences of large ones.
     end = equations.undeformed.tip + equations.tip(q)
     arm = equations.placed(q, span) - end[None]
     each = jnp.concatenate([force, couple + jnp.cross(arm, force)], 1)
@@ -92,7 +92,7 @@ def section_loads(
 def _along(
     rotor: Rotor, equations: Equations, outside: Environment, moved: Moved, span: Span
 ) -> tuple[_Rows, _Rows]:
-    """Force and couple along the span at its points, by x / L."""
+    """Force (N) and couple (N m) by x / L at the points of a span: inertia, damping and loads."""
     (hub, loads, t, _), drag, (q, v, a) = outside, outside.drag, moved
     beam, xi = rotor.beam, np.asarray(span.xi)
     mass = (beam.length * on(beam.mass_with_points, span))[:, None]
@@ -116,7 +116,7 @@ def _along(
 def _turned(
     rotor: Rotor, equations: Equations, outside: Environment, moved: Moved, span: Span
 ) -> _Rows:
-    """Couple along the span by what inertia sections have because they turn, by x / L."""
+    """Couple (N m) by x / L at the points of a span by the rotary inertia of sections."""
     hub, (q, v, a) = outside.hub, moved
     moments = of_sections(rotor, functools.partial(on, span=span))
     none = jnp.zeros((len(np.asarray(span.xi)), 3), q.dtype)
@@ -137,7 +137,8 @@ def _turned(
 def _at_tip(
     rotor: Rotor, equations: Equations, outside: Environment, moved: Moved
 ) -> tuple[Triple, Triple]:
-    """Force at the tip, and moment about it, of the mass, body and load there."""
+    """Force at the tip, and moment about it, by inertia, damping and load of the mass or body
+    there."""
     (hub, loads, t, _), drag, (q, v, a) = outside, outside.drag, moved
     body = rotor.tip_body
 
@@ -168,5 +169,5 @@ def _velocities(hub: Hub) -> tuple[Triple, Triple]:
 
 
 def _rates(hub: Hub) -> tuple[Triple, Triple]:
-    """Rates of the velocities; gravity acts as an acceleration of the hub the other way."""
+    """Rates of the velocities of the hub, gravity being an acceleration the other way."""
     return hub.velocity_rate - hub.gravity, hub.angular_velocity_rate

@@ -23,8 +23,8 @@ def small_motion(
     model: Any, rotor: AnyRotor, speed: Scalar, equations: Equations, rest: Rest,
     inputs: Inputs | None = None, **known: Any,
 ) -> LinearSystem:  # fmt: skip
-    """Matrices of small motion about a state of rest under `inputs`, none by default but rotation:
-    the tangents of the equations there. `known` are fields of the system that are told."""
+    """Matrices of small motion about a state of rest: tangents of the equations under `inputs`, by
+    default steady rotation without loads. `known` are fields of the system that callers have."""
     hub, *acting = (spinning(speed), None, None) if inputs is None else inputs
     q, status, matrices, lacking, taken_along = rest
     if matrices is None:
@@ -50,8 +50,8 @@ def small_motion(
 
 
 def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:
-    """The largest axial strain of a steady state: at the root of a uniform beam; of one that varies
-    P / EA, since functions that are smooth do not follow its steps."""
+    """The axial strain of a steady state: at the root, or of a beam that varies the largest P / EA,
+    since smooth functions do not have the steps of strain."""
     if isinstance(rotor, Rotor) and rotor.varies and isinstance(rotor.beam, Beam):
         return rotor.steady_strain(speed)
     return equations.strain(q, np.zeros(1))[0]
@@ -59,7 +59,8 @@ def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vecto
 
 @Program
 def linearised(model: Any, rotor: Rotor, speed: Scalar) -> LinearSystem:
-    """The matrices about steady rotation, NaN where these or the parameters are out of range."""
+    """Matrices of small motion about steady rotation, NaN where there is no steady state or
+    parameters are out of range."""
     given, rotor, speed = guarded(rotor, speed)
     system = model.matrices(rotor, speed)
     status = first_failure(given, system.status)
@@ -74,10 +75,9 @@ def linearised(model: Any, rotor: Rotor, speed: Scalar) -> LinearSystem:
 
 
 def guarded(rotor: TheRotor, speed: Scalar) -> tuple[Code, TheRotor, Scalar]:
-    """Whether parameters are in range, and harmless ones in the place of those that are not.
+    """The status of rotor and speed, and these with harmless numbers where they are not in range.
 
-    A NaN in one lane of a batch would otherwise end up in the gradient of parameters that all lanes
-    share.
+    A NaN in one case of a batch would otherwise come into gradients by parameters that cases share.
     """
     given = rotor.status(speed)
     fine = given == Status.OK

@@ -1,4 +1,4 @@
-"""What a force along the span does on the coordinates of a model."""
+"""Generalised forces of forces along the span on the coordinates of a model."""
 
 import abc
 from typing import Any
@@ -14,12 +14,12 @@ from jaxbeam._rotor.span import Span
 from jaxbeam._rotor.spanwise import points_within
 from jaxbeam._types import Matrix, Number, Vector
 
-POINTS = 6  # in an element: products with cubics are exact up to degree eight
+POINTS = 6  # Gauss points in an element: exact for a cubic times a force of degree eight
 
 
 class AbstractSpanForce(eqx.Module):
-    """The generalised force of a force along the span on the coordinates of some equations of
-    motion. It is linear in its arrays: so many times these are so many times the force."""
+    """The generalised force of a force along the span on coordinates of equations of motion. It is
+    linear in its arrays, so that multiples of the force are made by multiplying these."""
 
     @abc.abstractmethod
     def on(self, equations: Any, q: Vector) -> Vector:
@@ -49,20 +49,21 @@ class SpanForce(AbstractSpanForce):
 
 
 class AbstractSpanIntegral(eqx.Module):
-    """The work of a force along the span, by a rule of integration."""
+    """A rule of integration for the work of a force along the span."""
 
     @property
     @abc.abstractmethod
     def points(self) -> tuple[np.ndarray, np.ndarray]:
-        """Places x / L and weights."""
+        """Places x / L of the rule, and weights."""
 
     def pace(self, length: Number) -> Any:
-        """Arc length by x / L at these places, () or (p, 1), in m, of a beam of this length."""
+        """Derivative of arc length by x / L at the places, () or (p, 1), in m, for a beam of this
+        length."""
         return length
 
     @abc.abstractmethod
     def generalised_force(self, density: Float[Array, "p 3"]) -> AbstractSpanForce:
-        """The generalised force of a force per length at these places, in N/m."""
+        """The generalised force of a force per length given at the places, in N/m."""
 
     def acting(self, q: Vector, density: Float[Array, "p 3"]) -> Float[Array, "p 3"]:
         """Force per length in axes of the hub, from a density in the axes in which it is given."""
@@ -70,8 +71,7 @@ class AbstractSpanIntegral(eqx.Module):
 
 
 class ElementSpanIntegral(AbstractSpanIntegral):
-    """The work of a force along the span on elements, whose displacements are linear in the
-    coordinates."""
+    """A rule of integration over elements, whose displacements are linear in the coordinates."""
 
     equations: Any
     edges: tuple[float, ...] = eqx.field(static=True)  # nodes and kinks
@@ -90,15 +90,15 @@ class ElementSpanIntegral(AbstractSpanIntegral):
 
     @classmethod
     def of(cls, equations: Any, n_elements: int, kinks: tuple[float, ...]) -> "ElementSpanIntegral":
-        """The integral over elements, cut at the kinks of the force that are no nodes."""
+        """The rule for elements, divided at kinks of the force that are no nodes."""
         nodes = np.linspace(0.0, 1.0, n_elements + 1)
         own = [kink for kink in kinks if np.min(np.abs(nodes - kink)) > 1e-9]
         return cls(equations, tuple(sorted([*nodes.tolist(), *own])))
 
 
 class FunctionSpanIntegral(AbstractSpanIntegral):
-    """The work of a force along the span on functions f_a that move in directions; where the theory
-    knows that deflection shortens the beam, -int_0^x u'^2 / 2 is moved by the force along it."""
+    """A rule of integration for functions f_a, each in one direction. In theories in which
+    deflection shortens the beam the force along it also does work on -int_0^x u'^2 / 2."""
 
     value: Any  # (p, n)
     slope: Any  # (p, n) by x / L
@@ -108,7 +108,7 @@ class FunctionSpanIntegral(AbstractSpanIntegral):
 
     @property
     def span(self) -> Span:
-        """The points of integration."""
+        """The span of the rule's points of integration."""
         out: Span = self.model.functions_from.rule(self.model.products, self.edges)
         return out
 
@@ -123,6 +123,6 @@ class FunctionSpanIntegral(AbstractSpanIntegral):
         force = jnp.sum(pull * one_hot, 1)
         if not self.model.foreshortens:
             return SpanForce(force, None)
-        tension = span.beyond(density[:, 0])  # over the length
+        tension = span.beyond(density[:, 0])  # tension over the length of the beam, N/m
         bends = one_hot[:, 1:] @ one_hot[:, 1:].T
         return SpanForce(force, self.slope.T @ ((weight * tension)[:, None] * self.slope) * bends)

@@ -1,5 +1,5 @@
-"""Viscous forces of whatever has strains: stresses in proportion to the rates of strain (Kelvin and
-Voigt).
+"""Elastic parts with strains, and their viscous forces: stresses in proportion to rates of strain
+(Kelvin and Voigt).
 
 With strains s(q) and an energy s.D s / 2, D constant, stresses D s' do the forces B^T D B q' on the
 coordinates, B = ds/dq. Their power is twice the energy of the rates of strain, never negative, and
@@ -30,14 +30,14 @@ from jaxbeam._types import Number
 
 
 class Strained(eqx.Module):
-    """A part with strains and an energy s.D s / 2, by coordinates e with so many `axes`, and with
-    others of lanes behind them."""
+    """A part of a beam with strains s and the energy s.D s / 2, by coordinates e, an array with
+    `axes` axes and those of lanes behind them."""
 
     axes: ClassVar[int]
 
     @abc.abstractmethod
     def strains(self, e: Array) -> Any:
-        """Strains s of the coordinates, a pytree."""
+        """Strains s at coordinates e, a pytree."""
 
     @abc.abstractmethod
     def stresses(self, strains: Any) -> Any:
@@ -45,7 +45,7 @@ class Strained(eqx.Module):
 
     @abc.abstractmethod
     def force(self, e: Array) -> Array:
-        """The elastic force."""
+        """The elastic force at coordinates e."""
 
     @transposed(on=False)
     def force_rate(self, e: Array, rate: Array) -> Array:
@@ -58,7 +58,7 @@ class Strained(eqx.Module):
 
     @transposed(on=False)
     def viscous_tangents(self, e: Array, rate: Array) -> tuple[Array, Array]:
-        """Derivatives of `viscous_force` by e, B^T D d(B e')/de and that of B^T alone, and by e',
+        """Derivatives of `viscous` by e, which are B^T D d(B e')/de and that of B^T, and by e',
         B^T D B."""
 
         def rates(e: Array) -> tuple[Any, Any]:
@@ -78,30 +78,30 @@ class Strained(eqx.Module):
 
     @transposed(on=False)
     def derivative(self, function: Callable[[Array], Array], e: Array) -> Array:
-        """The derivative of a force by the coordinates, with axes of the force, of the coordinates,
-        of lanes."""
+        """The derivative of a force by the coordinates; its axes are those of the force, of the
+        coordinates and of lanes."""
         push = jax.linearize(function, e)[1]
         own = e.shape[: self.axes]
         return jax.vmap(push, out_axes=self.axes)(self._units(e)).reshape(*own, *e.shape)
 
     def _units(self, e: Array) -> Array:
-        """Unit vectors of the coordinates, repeated over lanes."""
+        """Unit vectors of all coordinates, (n, *e.shape), repeated over lanes."""
         own, lanes = e.shape[: self.axes], e.ndim - self.axes
         units = jnp.eye(math.prod(own), dtype=e.dtype).reshape(-1, *own)
         return jnp.broadcast_to(append_axes(units, lanes), (len(units), *e.shape))
 
     def _rows(self, strains: Any, e: Array) -> Array:
-        """All numbers of many strains, (n, k, *lanes)."""
+        """All k numbers of n strains as one array, (n, k, *lanes)."""
         leaves = jax.tree.leaves(strains)
         lanes = e.shape[self.axes :]
         return jnp.concatenate([a.reshape(len(a), -1, *lanes) for a in leaves], 1)
 
 
 class Parts(eqx.Module):
-    """An element whose properties have kinks inside: the sum of its
-    parts, each a rule that takes the coordinates of the whole element."""
+    """An element whose properties have kinks inside, as the sum of parts that all take the
+    coordinates of the whole element."""
 
-    each: Any  # an element, whose arrays have a first axis, of parts
+    each: Any  # an element whose arrays have a first axis of parts
 
     def energy(self, e: Array) -> Number:
         return pairwise_sum(jax.vmap(lambda part: part.energy(e))(self.each))
@@ -139,18 +139,18 @@ def gradient_of(function: Callable[[Array], Number]) -> Callable[[Array], Array]
 
 
 def holding(rotor: Rotor, axial_stiffness: Number, n_elements: int) -> Number | None:
-    """Stiffness, in J, that holds the end of the beam unstretched where a body is; None else.
+    """Stiffness, in J, that keeps the end of the beam unstretched where a body is, or None.
 
-    It grows with the number of elements: with a fixed stiffness the end, and with it the arm of the
-    body, would be stretched by the body's pull however many elements there are.
+    It grows with the number of elements: with a fixed stiffness the force of the body would stretch
+    the end, and with it the arm of the body, for any number of elements.
     """
     stiffness = 10 * n_elements * axial_stiffness * rotor.beam.length
     return stiffness if rotor.tip_body.is_body else None
 
 
 def force_of(law: Any, e: Array, symmetric: bool) -> Array:
-    """The elastic force law.force(e) of a law. If its derivative by e is `symmetric`, it pulls back
-    as it pushes forward, in a shorter program."""
+    """The elastic force law.force(e). If its derivative by e is `symmetric`, reverse mode by e uses
+    forward mode, which is a shorter program."""
     return _symmetric((law, e)) if symmetric and is_transposed() else law.force(e)
 
 
@@ -162,7 +162,7 @@ def _symmetric(both: tuple[Any, Array]) -> Array:
 
 @_symmetric.def_fwd
 def _forwards(perturbed: Any, both: tuple[Any, Array]) -> tuple[Array, None]:
-    # No rule of its own stays in what is differentiated once more.
+    # Without rules for reverse mode inside, so that this can be differentiated once more.
     with transposed(on=False):
         force: Array = both[0].force(both[1])
     return force, None
@@ -179,24 +179,24 @@ def _backwards(
 
 
 class EndSprings(Strained):
-    """Springs at both ends, with strains of the displacement gradients d = r' - a1 at root and tip
-    (2, c, *lanes), each by one of these alone, and the energy sum k s^2 / 2."""
+    """Springs at both ends with the energy sum k s^2 / 2. Each strain s depends on the displacement
+    gradient d = r' - a1 at one end, root or tip, of the array (2, c, *lanes) of both."""
 
     axes: ClassVar[int] = 2
 
     @abc.abstractmethod
     def strains(self, e: Float[Array, "2 c *lanes"]) -> list[Number]:
-        """Strains of the springs that are there."""
+        """Strains of the springs, without those of ends that have none."""
 
     @property
     @abc.abstractmethod
     def stiffness(self) -> list[Number]:
-        """Stiffness of each of the springs that are there."""
+        """Stiffness of each of the springs, in the order of `strains`."""
 
     @abc.abstractmethod
     def damped_by(self, dampers: tuple[Number | None, Number | None]) -> Self:
-        """The ends with dampers in the place of springs, and nothing at the tip; their force is
-        `viscous` of these ends."""
+        """The ends with `dampers` as the stiffness of springs, and none at the tip: the `viscous`
+        force of these is that of the dampers."""
 
     @property
     def are_plain(self) -> bool:
@@ -229,7 +229,8 @@ class EndSprings(Strained):
     def derivative(
         self, function: Callable[[Array], Array], e: Array
     ) -> Float[Array, "2 c c *lanes"]:
-        """The derivative of each force by its own gradient; there is none by the other."""
+        """The derivative of the force at each end by the gradient at that end; those by the other
+        end are zero."""
         push, units = jax.linearize(function, e)[1], jnp.eye(e.shape[1], dtype=e.dtype)[:, None]
         along = jnp.broadcast_to(append_axes(units, e.ndim - 2), (e.shape[1], *e.shape))
         return jax.vmap(push, out_axes=2)(along)

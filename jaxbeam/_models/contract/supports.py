@@ -1,4 +1,4 @@
-"""What a model cannot do is refused by name, here and nowhere else.
+"""Checks of features: rotors, loads and damping that a model does not know are refused by name.
 
 A rotor, loads and damping name what they have (`features` of each); a model declares what
 its equations of motion know (`supports`), what its matrices of small motion know besides
@@ -16,7 +16,7 @@ from jaxbeam._rotor.support import WAYS, Support
 from jaxbeam._types import is_concrete
 
 RATIOS = frozenset({"damping.in_plane_ratio", "damping.flap_ratio", "damping.axial_ratio"})
-# Of each feature: what a model that does not know it has not, and what to do.
+# For each feature, phrases for the error: what a model without it has not, and what to do.
 _REFUSED = {
     "blade": (
         "full sections nor curved axes",
@@ -66,7 +66,7 @@ _REFUSED |= dict.fromkeys(
     "damping.tip_dampers": ("dampers of a support", "take SpatialRod, or leave them out"),
 }
 _NEEDED = {"beam.torsional_stiffness": ": give torsional_stiffness=..., GJ in N m^2, to the Beam"}
-# What all beams know.
+# Features that all models of a continuous beam know.
 AS_BUILT = frozenset(
     {
         "spanwise", "beam.point_masses", "tip_body", "tip_body.flap_inertia",
@@ -83,16 +83,17 @@ SUPPORTS = frozenset(
 
 
 class Neglects(NamedTuple):
-    """The part of an answer that a theory leaves out, as a rule: its relative error over three
-    numbers. All are zero where nothing is known."""
+    """Typical relative errors of a theory, each over a number that they are in proportion to. All
+    are zero where nothing is known."""
 
-    stiffening: float = 0.0  # over the stiffening ratio
-    deflection: float = 0.0  # over the square of deflection over length
-    strain: float = 0.0  # over the steady strain
+    stiffening: float = 0.0  # error over the stiffening ratio
+    deflection: float = 0.0  # error over the square of deflection over length
+    strain: float = 0.0  # error over the steady strain
 
 
 def borne(model: type[Any], *, moving: bool = True) -> frozenset[str]:
-    """Features that models of a class know: those that are linear have modes that last."""
+    """Features that models of a class know; linear ones know damping ratios, since their modes do
+    not change."""
     own: frozenset[str] = model.supports | (RATIOS if model.is_linear else frozenset())
     return own if moving else own | vars(model).get("supports_in_matrices", frozenset())
 
@@ -115,8 +116,8 @@ def unsupported(
     model: type[Any], rotor: AnyRotor, loads: Loads = NO_LOADS, damping: Damping = NO_DAMPING, *,
     moving: bool = True,
 ) -> str:  # fmt: skip
-    """Why models of a class do not bear a rotor, loads and damping, in a sentence; empty where they
-    do."""
+    """A sentence that says why models of a class cannot take a rotor, loads and damping; empty
+    where they can."""
     for feature in missing(model, rotor, loads, damping, moving=moving):
         what, advice = _REFUSED.get(feature, ("such thing", "leave it out"))
         return f"{feature}: {model.__name__} has no {what}: {advice}"
@@ -130,11 +131,10 @@ def check_supported(
     model: Any, rotor: AnyRotor, loads: Loads = NO_LOADS, damping: Damping = NO_DAMPING, *,
     moving: bool = True,
 ) -> None:  # fmt: skip
-    """Raise `ValueError` where a model does not bear what there is, in motion its root yields
-    otherwise than that of the rotor, or a damper is where the root is clamped.
+    """Raise `ValueError` for features that a model does not know, dampers where the root is
+    clamped, and, for motion, a model that does not suit the root of the rotor.
 
-    All functions pass here: `checked_case` at the door, equations of motion and matrices of their
-    own as they are built.
+    Called by `checked_case` for all public functions, and where equations are made.
     """
     why = unsupported(type(model), rotor, loads, damping, moving=moving)
     if not why and isinstance(rotor, Rotor):
@@ -149,7 +149,7 @@ def check_supported(
 
 
 def _clamped(rotor: Rotor, damping: Damping) -> str:
-    """The damper that has nothing to damp, in a sentence; empty where there is none."""
+    """A sentence that says which damper is where the beam is clamped; empty where there is none."""
     if rotor.root_support is None:
         each = zip(("in_plane", "flap"), damping.dampers, rotor.springs, strict=True)
         for way, damper, spring in each:
@@ -175,7 +175,7 @@ def _clamped(rotor: Rotor, damping: Damping) -> str:
 
 
 def _rigid(end: str, dampers: Any, support: Support) -> str:
-    """The damper of a support where that holds rigidly, in a sentence."""
+    """A sentence that says which damper of a support is where that is rigid; empty without one."""
     if not is_concrete(dampers):
         return ""
     for way, damper, spring in zip(WAYS, np.asarray(dampers), support.springs, strict=True):

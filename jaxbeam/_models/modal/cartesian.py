@@ -1,7 +1,7 @@
-"""What all models of a continuous beam share: displacements linear in the coordinates.
+"""Equations of motion of beams whose displacements are linear in the coordinates.
 
 u_c(x, t) = f_a(x) q_a(t), summed over the coordinates a that move in direction c. Then the inertia
-of a beam on any moving hub needs only one Gram matrix of all functions, int f_a f_b dm, and the
+of a beam on any moving hub needs only one Gram matrix G of all functions, int f_a f_b dm, and the
 moments int f_a dm and int X f_a dm, X = R + x: with W = w~ w~ + w~' (w~ b = omega x b),
 
     M q'' + [2 w~] G q' + [W] G q + (a_O + W X a1) . f + P-terms + elastic forces = external forces
@@ -60,14 +60,14 @@ class CartesianEquations(Equations):
 
     A rigid body at the tip has its centre at r_L + c e, with the unit vector e along the beam's
     end, a1 + f'(L) q / L to first order and shorter along a1 by half the square of the slope.
-    What it and sections have because they turn is `rotary`, that of the body alone `tip_rotary`.
+    `rotary` is the rotary inertia of sections and body, `tip_rotary` that of the body alone.
     """
 
     mass: Matrix | SmallMatrix
     gram: Matrix
-    first_moments: Vector
-    first: Vector
-    at_tip: Vector
+    first_moments: Vector  # int f dm
+    first: Vector  # int X f dm
+    at_tip: Vector  # f(L)
     rigid_moments: Triple
     length: Number
     tip_radius: Number
@@ -81,7 +81,7 @@ class CartesianEquations(Equations):
     elasticity: Elasticity
     stiffening: Float[Array, "k n n"] | None
     shapes: Shapes | None
-    own: ShapeIntegrals | None  # of a beam that varies
+    weighted_integrals: ShapeIntegrals | None  # None for a uniform beam: those of the model
     model: CartesianModel = eqx.field(static=True)
 
     @classmethod
@@ -93,33 +93,33 @@ class CartesianEquations(Equations):
         shapes: Shapes | None,
         stiffened: Callable[[ShapeIntegrals], Array | np.ndarray] | None = None,
     ) -> Self:
-        """Scale the tables of `model` to a rotor; `stiffened` says which are `stiffening`."""
+        """Scale the integrals of `model` to a rotor; `stiffened` takes `stiffening` from them."""
         check_supported(model, rotor)
-        own = None
-        if shapes is not None and rotor.varies:
-            own = weighted(shapes, rotor)
-        beam, t, body = rotor.beam, model.shape_integrals if own is None else own, rotor.tip_body
+        by_mass = weighted(shapes, rotor) if shapes is not None and rotor.varies else None
+        beam, body = rotor.beam, rotor.tip_body
+        integrals = model.shape_integrals if by_mass is None else by_mass
         radius, length, mass, tip_mass = rotor.hub_radius, beam.length, beam.mass, rotor.tip_mass
-        end, tip = radius + length, body.centre(t.tip, t.tip_slope, length)
-        stiffening = None if stiffened is None else stiffened(t)
-        gram = mass * t.gram + tip_mass * _outer(tip)
-        first = mass * (radius * t.mean + length * t.first) + tip_mass * rotor.tip_mass_radius * tip
+        end, tip = radius + length, body.centre(integrals.tip, integrals.tip_slope, length)
+        stiffening = None if stiffened is None else stiffened(integrals)
+        gram = mass * integrals.gram + tip_mass * _outer(tip)
+        first_moments = mass * (radius * integrals.mean + length * integrals.first)
+        first_moments = first_moments + tip_mass * rotor.tip_mass_radius * tip
         rotary = tip_rotary = None
         if body.is_body and stiffening is not None:
-            alike = _outer(t.tip_slope) * (t.one_hot @ t.one_hot.T)
-            stiffening = jnp.concatenate([stiffening, alike[None]])
+            tip_slopes = _outer(integrals.tip_slope) * (integrals.one_hot @ integrals.one_hot.T)
+            stiffening = jnp.concatenate([stiffening, tip_slopes[None]])
         if rotor.turns_mass:
-            sampled = model.sampled(rotor, shapes)
-            rotary, tip_rotary = of_rotor(rotor, sampled, stiffening is not None)
-        inertia = gram * (t.one_hot @ t.one_hot.T)
-        if least := massless(model.functions_from, gram.dtype):
-            inertia = inertia + least * (mass + tip_mass) * np.eye(len(t.one_hot))
+            along_beam = model.sampled(rotor, shapes)
+            rotary, tip_rotary = of_rotor(rotor, along_beam, stiffening is not None)
+        inertia = gram * (integrals.one_hot @ integrals.one_hot.T)
+        if least_mass := massless(model.functions_from, gram.dtype):
+            inertia = inertia + least_mass * (mass + tip_mass) * np.eye(len(integrals.one_hot))
         return cls(
             mass=inertia if rotary is None else inertia + rotary.mass,
             gram=gram,
-            first_moments=mass * t.mean + tip_mass * tip,
-            first=first,
-            at_tip=jnp.asarray(t.tip),
+            first_moments=mass * integrals.mean + tip_mass * tip,
+            first=first_moments,
+            at_tip=jnp.asarray(integrals.tip),
             rigid_moments=rotor.rigid_moments,
             length=length,
             tip_radius=end,
@@ -133,18 +133,18 @@ class CartesianEquations(Equations):
             elasticity=elasticity,
             stiffening=None if stiffening is None else jnp.asarray(stiffening),
             shapes=shapes,
-            own=own,
+            weighted_integrals=by_mass,
             model=model,
         )
 
     @property
     def kernel(self) -> Self | None:
-        # What derives from this, or from an elasticity, may not be written for lanes.
+        # Subclasses of these equations or of an elasticity may not be written for lanes.
         suits = type(self) is CartesianEquations and vars(type(self.elasticity)).get("takes_lanes")
         if not suits or len(self.gram) > LARGE or isinstance(self.mass, SmallMatrix):
             return None
         small: Self = eqx.tree_at(
-            lambda s: (s.mass, s.shapes, s.own, s.tip_rotary), self,
+            lambda s: (s.mass, s.shapes, s.weighted_integrals, s.tip_rotary), self,
             (SmallMatrix(self.mass), None, None, None), is_leaf=lambda leaf: leaf is None,
         )  # fmt: skip
         return small
@@ -155,8 +155,9 @@ class CartesianEquations(Equations):
 
     @property
     def shape_integrals(self) -> ShapeIntegrals:
-        """Integrals of the functions, and their values at the ends."""
-        return self.model.shape_integrals if self.own is None else self.own
+        """Integrals of the model's functions over this beam, and their values at its ends."""
+        by_mass = self.weighted_integrals
+        return self.model.shape_integrals if by_mass is None else by_mass
 
     @property
     def undeformed(self) -> Undeformed:
@@ -164,10 +165,10 @@ class CartesianEquations(Equations):
         out = super().undeformed
         if self.rotary is None:
             return out
-        # Which of a body is in `rigid_moments` by what it has in plane.
-        body, both = self.tip_body, append_axes(np.diag([0.0, 1.0, 1.0]), self.length.ndim)
-        less = body.inertia * both if isinstance(body, TipBody) else 0.0
-        return out._replace(inertia=out.inertia + self.rotary.rigid - less)
+        # `rigid_moments` have the in-plane inertia of the body about a2 and a3 already.
+        body, about = self.tip_body, append_axes(np.diag([0.0, 1.0, 1.0]), self.length.ndim)
+        counted = body.inertia * about if isinstance(body, TipBody) else 0.0
+        return out._replace(inertia=out.inertia + self.rotary.rigid - counted)
 
     def motion_stiffness(self, axial: Number, spin2: Number, tip_force: Triple | None) -> Matrix:
         """int P f' f' dx for a1(X) = axial - spin2 X, and for a force along the beam at its tip."""
@@ -179,7 +180,7 @@ class CartesianEquations(Equations):
                 self.tip_mass_radius,
             )
         ]  # fmt: skip
-        if isinstance(body, TipBody):  # what its centre does when the end of the beam turns
+        if isinstance(body, TipBody):  # its centre comes nearer when the end of the beam turns
             coefficients.append(body.offset * coefficients[0] / self.length)
         if tip_force is not None:
             coefficients[0] = coefficients[0] + tip_force[0]
@@ -192,12 +193,12 @@ class CartesianEquations(Equations):
 
     def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
         w, coriolis = hub_matrices(hub)
-        carried = self._along(hub.acceleration) * self.first_moments
-        carried = carried + self._along(w[:, 0]) * self.first
-        inertial = self._carried((w, q), (coriolis, v))
-        out = -(inertial + carried) - self.elasticity.force(q)
+        motion = self._components(hub.acceleration) * self.first_moments
+        motion = motion + self._components(w[:, 0]) * self.first
+        inertial = self._gram_product((w, q), (coriolis, v))
+        out = -(inertial + motion) - self.elasticity.force(q)
         if tip_force is not None:
-            out = out + self._along(tip_force) * self.at_tip
+            out = out + self._components(tip_force) * self.at_tip
         if self.stiffening is not None:
             out = out - matvec_once(self._tension(hub, w, tip_force), q)
         if self.rotary is not None:
@@ -218,29 +219,30 @@ class CartesianEquations(Equations):
     def like_mass(self, matrix: Matrix) -> Matrix | SmallMatrix:
         return SmallMatrix(matrix) if isinstance(self.mass, SmallMatrix) else matrix
 
-    def _along(self, vector: Triple) -> Vector:
-        """The component of a vector in the direction of each coordinate."""
+    def _components(self, vector: Triple) -> Vector:
+        """The component of a vector (3,) in the direction of each coordinate, (n,)."""
         return matvec(append_axes(self.model.one_hot, vector.ndim - 1), vector)
 
-    def _carried(self, *parts: tuple[LaneMatrix, Vector]) -> Vector:
-        """The sum of [B] G q of the module's docstring, B and q being each of these: rows of one
-        direction after the other, which need one row of B."""
+    def _gram_product(self, *pairs: tuple[LaneMatrix, Vector]) -> Vector:
+        """The sum of [B] G q, [B] G as of `inertial`, over pairs (B, q), direction by direction:
+        the rows of G of one direction need one row of B."""
         out, start = [], 0
         for c, count in enumerate(self.model.counts):
             if count:
                 rows = self.gram[start : start + count]
-                terms = [self._along(b[c]) * q for b, q in parts]
+                terms = [self._components(b[c]) * q for b, q in pairs]
                 out.append(matvec_once(rows, functools.reduce(jnp.add, terms)))
             start += count
         return jnp.concatenate(out)
 
     def span_integral(self, kinks: tuple[float, ...], follows: bool) -> FunctionSpanIntegral:
         model, edges = self.model, tuple(sorted({0.0, 0.25, 0.5, 0.75, 1.0, *kinks}))
-        at = self._at(model.functions_from.rule(model.products, edges).xi)
-        return FunctionSpanIntegral(at.value, at.slope, self.length, model, edges)
+        functions = self._at(model.functions_from.rule(model.products, edges).xi)
+        return FunctionSpanIntegral(functions.value, functions.slope, self.length, model, edges)
 
     def inertial(self, b: Float[Array, "3 3 *#lanes"]) -> Matrix:
-        """[B] G of the module's docstring."""
+        """The matrix [B] G with the entries B_cd G_ab, for coordinates a and b of directions c and
+        d."""
         one_hot = append_axes(self.model.one_hot, b.ndim - 2)
         return matmul(matmul(one_hot, b), one_hot.swapaxes(0, 1)) * self.gram
 
@@ -278,50 +280,48 @@ class CartesianEquations(Equations):
         int |u'|^2 dm / 2 + int (S^T v + S^T S X a1).u + v.u' dm + int u.S^T S u / 2 - u.S u' dm
             - int X a1.S u' dm.
         """
-        spun = skew(spin)
-        back = spun.swapaxes(0, 1)  # S^T
-        away = matmul(back, spun)
-        shift = matvec(back, velocity)
-        moving = self._carried((jnp.asarray(append_axes(np.eye(3), spin.ndim - 1)), v))
-        out = pairwise_sum(v * moving) / 2 + pairwise_sum(
-            q * self._carried((away / 2, q), (-spun, v))
-        )
-        at, rate = self._along(shift) * q, self._along(velocity) * v
-        out = out + pairwise_sum(self.first_moments * (at + rate))
-        out = out + pairwise_sum(self.first * (self._along(away[0]) * q - self._along(spun[0]) * v))
+        s = skew(spin)
+        st, sts = s.swapaxes(0, 1), matmul(s.swapaxes(0, 1), s)
+        shift = matvec(st, velocity)
+        moving = self._gram_product((jnp.asarray(append_axes(np.eye(3), spin.ndim - 1)), v))
+        out = pairwise_sum(v * moving) / 2
+        out = out + pairwise_sum(q * self._gram_product((sts / 2, q), (-s, v)))
+        by_q, by_v = self._components(shift) * q, self._components(velocity) * v
+        out = out + pairwise_sum(self.first_moments * (by_q + by_v))
+        by_q, by_v = self._components(sts[0]) * q, self._components(s[0]) * v
+        out = out + pairwise_sum(self.first * (by_q - by_v))
         if self.stiffening is not None:
-            # The beam is shorter along a1 by w, int w dm = q.D q / 2 and int X w dm = q.E q / 2
-            # with what is motion stiffness for a1(X) = -1 and for X.
-            at = matvec_once(self.motion_stiffness(-shift[0] / 2, away[0, 0] / 2, None), q)
-            rate = matvec_once(self.motion_stiffness(-velocity[0], 0 * velocity[0], None), v)
-            out = out - pairwise_sum(q * (at + rate))
+            # The beam is shorter along a1 by w, with int w dm = q.D q / 2 and int X w dm =
+            # q.E q / 2: D and E are the motion stiffness for a1(X) = -1 and for a1(X) = -X.
+            by_q = matvec_once(self.motion_stiffness(-shift[0] / 2, sts[0, 0] / 2, None), q)
+            by_v = matvec_once(self.motion_stiffness(-velocity[0], 0 * velocity[0], None), v)
+            out = out - pairwise_sum(q * (by_q + by_v))
         return out if self.rotary is None else out + self.rotary.energy(q, v, spin)
 
     def first_moment(self, q: Vector) -> Triple:
-        out = self._sum(self.first_moments * q)
+        out = self._vector(self.first_moments * q)
         if self.stiffening is not None:
             one = jnp.ones_like(self.length)
-            out = self._shortened(out, self.motion_stiffness(-one, 0 * one, None), q)
+            out = self._foreshortened(out, self.motion_stiffness(-one, 0 * one, None), q)
         return out
 
     def tip(self, q: Vector) -> Triple:
-        """Displacement of the tip, to second order with `stiffening`, as the kinetic energy has
-        it."""
-        out = self._sum(self.at_tip * q)
+        """Displacement of the tip; to second order with `stiffening`, like the kinetic energy."""
+        out = self._vector(self.at_tip * q)
         if self.stiffening is not None:
             zero = jnp.zeros_like(self.length)
-            pull = self.motion_stiffness(zero, zero, jnp.stack([1 + zero, zero, zero]))
-            out = self._shortened(out, pull, q)
+            per_tip_force = self.motion_stiffness(zero, zero, jnp.stack([1 + zero, zero, zero]))
+            out = self._foreshortened(out, per_tip_force, q)
         return out
 
-    def _sum(self, each: Vector) -> Triple:
-        """The vector of numbers along the direction of each coordinate."""
+    def _vector(self, each: Vector) -> Triple:
+        """The vector (3,) whose components are sums over the coordinates of each direction."""
         return matvec(append_axes(self.model.one_hot.T, each.ndim - 1), each)
 
-    def _shortened(self, vector: Triple, matrix: Matrix, q: Vector) -> Triple:
-        """A vector, shortened by q.matrix q / 2 along the beam."""
-        less = pairwise_sum(q * matvec_once(matrix, q)) / 2
-        return vector - append_axes(np.eye(3)[0], less.ndim) * less[None]
+    def _foreshortened(self, vector: Triple, matrix: Matrix, q: Vector) -> Triple:
+        """A vector (3,) less q.matrix q / 2 along the undeformed beam."""
+        reduction = pairwise_sum(q * matvec_once(matrix, q)) / 2
+        return vector - append_axes(np.eye(3)[0], reduction.ndim) * reduction[None]
 
     def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
         """Displacement; of arc-length models u1 = s - 1/2 int_0^x (u2'^2 + u3'^2) dx (Y eq. 4)."""
@@ -337,17 +337,17 @@ class CartesianEquations(Equations):
         return out.at[:, 0].add(-jnp.einsum("a,pab,b->p", q, table, q) / (2 * self.length))
 
     def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
-        """Where points are: as `displacement` has it, by integrals from point to point."""
-        at, each = self._at(np.asarray(span.xi)), self.model.one_hot * q[:, None]
-        place = self.undeformed_at(span.xi) + at.value @ each
+        """Positions of the points of a span: x a1 + `displacement`, integrated along the points."""
+        functions, by_direction = self._at(np.asarray(span.xi)), self.model.one_hot * q[:, None]
+        place = self.undeformed_at(span.xi) + functions.value @ by_direction
         if not self.model.foreshortens:
             return place
-        slope = at.slope @ each[:, 1:]
-        shorter = span.up_to(jnp.sum(slope * slope, 1)[:, None]) / (2 * self.length)
-        return place - shorter * np.eye(3)[:1]
+        slope = functions.slope @ by_direction[:, 1:]
+        reduction = span.up_to(jnp.sum(slope * slope, 1)[:, None]) / (2 * self.length)
+        return place - reduction * np.eye(3)[:1]
 
     def direction(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
-        """r', to second order in theories of arc length."""
+        """The tangent r' at x = `xi` L, to second order in theories of arc length."""
         slope = self._at(xi).slope @ (self.model.one_hot * q[:, None]) / self.length
         out = slope + np.eye(3)[:1]
         if not self.model.foreshortens:
@@ -355,23 +355,23 @@ class CartesianEquations(Equations):
         return out - jnp.sum(slope[:, 1:] ** 2, 1)[:, None] / 2 * np.eye(3)[:1]
 
     def end(self, q: Vector) -> Triple:
-        """The unit vector e of the class's docstring."""
-        slope = self._sum(self.shape_integrals.tip_slope * q) / self.length
+        """The unit vector along the end of the beam, to first order a1 + f'(L) q / L."""
+        slope = self._vector(self.shape_integrals.tip_slope * q) / self.length
         across = slope * np.array([0.0, 1.0, 1.0])
         short = 0.0 if self.stiffening is None else pairwise_sum(across * across) / 2
         return across + (1 - short) * np.eye(3)[0]
 
     def turning_energy(self, body: TipBody, q: Vector, v: Vector, spin: Triple) -> Number:
-        own = self.tip_rotary
-        assert own is not None
-        return own.energy(q, v, spin) + spin @ own.rigid @ spin / 2
+        rotary = self.tip_rotary
+        assert rotary is not None
+        return rotary.energy(q, v, spin) + spin @ rotary.rigid @ spin / 2
 
     def section_momentum(
         self, q: Vector, v: Vector, spin: Triple, span: Span, moments: SecondMoments
     ) -> Float[Array, "p 3"]:
         assert self.rotary is not None
-        at = self._at(np.asarray(span.xi))
-        return self.rotary.momentum(at, self.length, span, moments, q, v, spin)
+        functions = self._at(np.asarray(span.xi))
+        return self.rotary.momentum(functions, self.length, span, moments, q, v, spin)
 
     @property
     def pieces(self) -> tuple[float, ...]:
@@ -383,16 +383,16 @@ class CartesianEquations(Equations):
         return self.elasticity.strain(gradient)
 
     def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
-        bends = self.model.one_hot[:, 1:]
-        # Axial functions may have no curvature at the clamp: nobody asks for it.
-        table = jnp.where(bends.any(1), self._at(xi).curvature, 0.0)
-        return table @ (bends * q[:, None]) / self.length**2
+        bending = self.model.one_hot[:, 1:]
+        # The curvature of axial functions may be infinite at the clamp, and is not needed.
+        table = jnp.where(bending.any(1), self._at(xi).curvature, 0.0)
+        return table @ (bending * q[:, None]) / self.length**2
 
     def _at(self, xi: np.ndarray) -> Functions:
         return self.model.functions(self.shapes, np.asarray(xi, float))
 
 
-# Between these functions are smooth enough for points of integration; the root has boundary layers.
+# Edges x / L of pieces that Gauss points integrate: short ones at the root for boundary layers.
 _PIECES = (0.0, *(2.0**-k for k in range(9, 3, -1)), *np.linspace(0.125, 0.875, 7).tolist(), 1.0)
 
 

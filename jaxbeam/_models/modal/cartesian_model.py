@@ -52,22 +52,22 @@ class CartesianModel(AbstractModel[Rotor]):
 
     @property
     def products(self) -> int:
-        """Products of so many functions are integrated."""
+        """The number of functions whose products the points of integration are exact for."""
         return max(self.counts)
 
     @property
     def one_hot(self) -> Float[np.ndarray, "n 3"]:
-        """One-hot: which way a coordinate moves, axially, in plane or in flap."""
+        """Rows of the unit matrix: 1 in the column of the direction of each coordinate."""
         return one_hots(self.counts)
 
     def shapes(self, rotor: Rotor) -> Shapes | None:
-        """The functions along the beam of a rotor; None where all is known of them, in
-        `shape_integrals`."""
-        plain = not rotor.varies and rotor.pitch is None
-        return None if plain else self.sampled(rotor, None)
+        """The functions at points along the beam of a rotor; None for a uniform beam without
+        pitch, for which `shape_integrals` are enough."""
+        uniform = not rotor.varies and rotor.pitch is None
+        return None if uniform else self.sampled(rotor, None)
 
     def sampled(self, rotor: Rotor, shapes: Shapes | None) -> Shapes:
-        """`shapes`, also where all is known of them."""
+        """The functions at points along the beam: `shapes`, or where these are None, new ones."""
         if shapes is not None:
             return shapes
         return sampled(self.functions_from, self.counts, self.products, rotor.beam.edges)
@@ -78,7 +78,7 @@ class CartesianModel(AbstractModel[Rotor]):
         return jnp.einsum("pn,nc->cpn", table, self.one_hot)
 
     def functions(self, shapes: Shapes | None, xi: np.ndarray) -> Functions:
-        """The functions at any x / L; `shapes` are those along the beam."""
+        """The functions at any x / L, from `shapes` along the beam or, with None, the basis."""
         if shapes is None:
             return all_functions(self.functions_from, self.counts, xi)
         return shapes.places(xi)
@@ -96,7 +96,7 @@ class CartesianModel(AbstractModel[Rotor]):
 
 
 def linear_system(model: CartesianModel, rotor: Rotor, speed: Scalar) -> LinearSystem:
-    """Matrices of a model whose equations are linear: their coefficients, whatever the state."""
+    """Matrices of small motion of a linear model: the coefficients of its equations of motion."""
     rest = Rest(jnp.zeros(len(model.directions), speed.dtype), jnp.asarray(Status.OK))
     strain = rotor.steady_strain(speed)
     return small_motion(model, rotor, speed, model.equations(rotor), rest, steady_strain=strain)

@@ -52,82 +52,85 @@ from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 
 class _Cone(NamedTuple):
-    """A rotor at the points of a rule; masses are those of the points, in kg."""
+    """A coned rotor and its bending functions at the p points of integration along the span."""
 
     rotor: Rotor
     span: Span
-    mass: Float[Array, " p"]
-    lag: Float[Array, " p"]
-    flap: Float[Array, " p"]
-    bends: tuple[Functions, Functions]  # in plane and flap: slopes and curvatures turn angles
-    ends: tuple[Vector, Vector]  # slopes of these at the root
+    mass: Float[Array, " p"]  # mass of each point, kg
+    lag: Float[Array, " p"]  # EI_zz, N m^2
+    flap: Float[Array, " p"]  # EI_yy, N m^2
+    bending: tuple[Functions, Functions]  # functions in plane and in flap, whose slopes are angles
+    root_slopes: tuple[Vector, Vector]  # slopes of these functions at the root
 
     @classmethod
-    def of(cls, rotor: Rotor, shapes: Shapes) -> "_Cone":
-        """All that does not depend on the speed."""
+    def sampled(cls, rotor: Rotor, shapes: Shapes) -> "_Cone":
+        """A rotor and functions at the points of `shapes`: all that does not depend on speed."""
         beam, span, (_, n, _) = rotor.beam, shapes.span, shapes.counts
-        ways = slice(None, n), slice(n, None)
-        first, second = (Functions(*(a[:, way] for a in shapes.at)) for way in ways)
+        columns = slice(None, n), slice(n, None)
+        in_plane, flap = (Functions(*(a[:, column] for a in shapes.at)) for column in columns)
         return cls(
             rotor, span, beam.length * span.weight * on(beam.mass_with_points, span),
             on(beam.in_plane_bending_stiffness, span), on(beam.flap_bending_stiffness, span),
-            (first, second), (shapes.ends.root[:n], shapes.ends.root[n:]),
+            (in_plane, flap), (shapes.ends.root[:n], shapes.ends.root[n:]),
         )  # fmt: skip
 
     def springs(self) -> tuple[Any, Any]:
-        """Stiffness of the root in plane and in flap; zero where it is clamped."""
+        """Stiffness of the springs at the root in plane and in flap; zero where it is clamped."""
         first, second = (jnp.zeros(()) if s is None else s for s in self.rotor.springs)
         return first, second
 
     def shape(self, bent_by: Vector) -> tuple[Any, Any, Any, Any]:
-        """Elevation, its derivative by x, and the distance from the axis, at points and tip."""
-        flap, length = self.bends[1], self.rotor.beam.length
+        """Elevation t and dt/dx at the points, and distance X from the axis at points and tip, for
+        coordinates `bent_by` of the flap functions."""
+        flap, length = self.bending[1], self.rotor.beam.length
         elevation = self.rotor.precone + flap.slope @ bent_by
         cos = jnp.cos(elevation)
-        at = self.rotor.hub_radius + length * self.span.up_to(cos)
-        tip = self.rotor.hub_radius + length * self.span.total(cos)
-        return elevation, flap.curvature @ bent_by / length, at, tip
+        distance = self.rotor.hub_radius + length * self.span.up_to(cos)
+        at_tip = self.rotor.hub_radius + length * self.span.total(cos)
+        return elevation, flap.curvature @ bent_by / length, distance, at_tip
 
-    def height(self, sin: Any, at: Any, tip: Scalar) -> Any:
-        """int X Z dm, Z the height above the root."""
+    def height(self, sin: Any, distance: Any, at_tip: Scalar) -> Any:
+        """int X Z dm, Z the height above the root, for sin t and X at the points and X at the
+        tip."""
         length, tip_mass = self.rotor.beam.length, self.rotor.tip_mass
-        heights, end = length * self.span.up_to(sin), length * self.span.total(sin)
-        return (self.mass * at) @ heights + tip_mass * tip * end
+        heights, tip_height = length * self.span.up_to(sin), length * self.span.total(sin)
+        return (self.mass * distance) @ heights + tip_mass * at_tip * tip_height
 
-    def strain(self, pull: Vector, outward: Scalar, angle: Scalar) -> Scalar:
-        """The largest strain: of a pull at the points, and of the whole radial force at the root,
-        which is turned there."""
+    def strain(self, tension: Vector, outward: Scalar, angle: Scalar) -> Scalar:
+        """The largest strain: of `tension` at the points, or of the radial force `outward`
+        at the root, where the tangent is turned by `angle`."""
         stiffness, cone = self.rotor.beam.axial_stiffness, self.rotor.precone
         assert cone is not None
-        soft = 1 / at_ends(stiffness, self.rotor.beam.edges)[0][0]
-        at_root = outward * jnp.cos(cone + angle) * soft
-        return largest(jnp.append(at_root, pull / on(stiffness, self.span)), by=jnp.abs)
+        compliance = 1 / at_ends(stiffness, self.rotor.beam.edges)[0][0]
+        at_root = outward * jnp.cos(cone + angle) * compliance
+        return largest(jnp.append(at_root, tension / on(stiffness, self.span)), by=jnp.abs)
 
     def steady(self, speed: Scalar) -> tuple[Vector, Code]:
-        """Turns of the flap functions in steady rotation, rad, and the status of the search."""
+        """Coordinates of the flap functions in steady rotation, rad, and the status of the
+        search."""
         length, spring = self.rotor.beam.length, self.springs()[1]
-        flap = self.bends[1]
+        flap = self.bending[1]
         scale = jnp.max(self.flap) / length
 
         def gradient(bent_by: Vector, fraction: Any = 1.0) -> Vector:
             def energy(bent_by: Vector) -> Scalar:
-                _, bent, at, tip = self.shape(bent_by)
-                elastic = length * self.span.total(self.flap * bent**2)
-                elastic = elastic + spring * (self.ends[1] @ bent_by) ** 2
-                carried = self.mass @ at**2 + self.rotor.tip_mass * tip**2
-                return (elastic - fraction * speed**2 * carried) / (2 * scale)
+                _, curvature, distance, at_tip = self.shape(bent_by)
+                elastic = length * self.span.total(self.flap * curvature**2)
+                elastic = elastic + spring * (self.root_slopes[1] @ bent_by) ** 2
+                inertia = self.mass @ distance**2 + self.rotor.tip_mass * at_tip**2
+                return (elastic - fraction * speed**2 * inertia) / (2 * scale)
 
             return jax.grad(energy)(bent_by)
 
-        still = jnp.zeros(flap.slope.shape[1], speed.dtype)
-        load = jax.lax.stop_gradient(jnp.max(jnp.abs(gradient(still))))
-        bent_by, done = find_root(gradient, still, support=load * jnp.eye(still.size))
+        straight = jnp.zeros(flap.slope.shape[1], speed.dtype)
+        load = jax.lax.stop_gradient(jnp.max(jnp.abs(gradient(straight))))
+        bent_by, done = find_root(gradient, straight, support=load * jnp.eye(straight.size))
         return bent_by, jnp.where(done < 1, Status.NOT_CONVERGED, Status.OK)
 
 
 def lag_of_root(lag: Any, moment: Any, bent_by: Scalar) -> Scalar:
-    """The moment of the root against a small turn b of the tangent across, in N m, at a steady turn
-    a in flap, by a spring against lag and the moment by which it holds the flap.
+    """The root's stiffness against a small turn b of the tangent across, in N m, at the steady
+    turn a = `bent_by` in flap, by its spring `lag` and the `moment` with which it holds the flap.
 
     Its axes are those of the cone. Springs have k phi^2 / 2, phi the components about these of the
     least rotation from the direction of the cone to the tangent. With f = a / sin a
@@ -147,7 +150,7 @@ def lag_of_root(lag: Any, moment: Any, bent_by: Scalar) -> Scalar:
 
 
 def _over(weight: Array, a: Array, b: Array) -> Matrix:
-    """Integrals of products of functions (p, n) by weights (p,)."""
+    """Integrals (n, n) of products of functions a and b (p, n) by weights (p,)."""
     return a.T @ (weight[:, None] * b)
 
 
@@ -155,59 +158,59 @@ def coned_system(
     rotor: Rotor, speed: Scalar, shapes: Shapes, directions: tuple[Direction, ...]
 ) -> LinearSystem:
     """Matrices of small motion for bending functions alone: b = f' q / L in plane, e in flap."""
-    cone = _Cone.of(rotor, shapes)
+    cone = _Cone.sampled(rotor, shapes)
     span = cone.span
     bent_by, status = cone.steady(speed)
-    elevation, bent, at, tip = cone.shape(bent_by)
+    elevation, dt_dx, distance, at_tip = cone.shape(bent_by)
     length, tip_mass, dm = rotor.beam.length, rotor.tip_mass, cone.mass
     sin, cos = jnp.sin(elevation)[:, None], jnp.cos(elevation)[:, None]
-    first, second = cone.bends
+    in_plane, flap_functions = cone.bending
     # Columns are functions; angles for a coordinate of one metre, displacements in metres.
-    across, across_rate = first.slope / length, first.curvature / length**2
-    rise, bending = second.slope / length, second.curvature / length**2
-    ways = [length * a for a in (across, -rise * sin, rise * cos)]
-    y, x, z = (span.up_to(a) for a in ways)
-    y_tip, x_tip, z_tip = (span.total(a) for a in ways)
-    angle = cone.ends[1] @ bent_by
+    across, across_rate = in_plane.slope / length, in_plane.curvature / length**2
+    rise, bending = flap_functions.slope / length, flap_functions.curvature / length**2
+    displacements = [length * a for a in (across, -rise * sin, rise * cos)]
+    y, x, z = (span.up_to(a) for a in displacements)
+    y_tip, x_tip, z_tip = (span.total(a) for a in displacements)
+    angle = cone.root_slopes[1] @ bent_by
     # The least rotation of the root turns it about the tangent as well.
-    by_root = jnp.tan(angle / 2) * cone.ends[0][None] / length
-    roll = length * span.up_to(bent[:, None] * across) + by_root
-    side = across_rate + bent[:, None] * roll  # the curvature in the section's other direction
-    # The radial force, of what is beyond a point and of the tip mass, and what of it is a pull.
-    outward = span.beyond(dm / span.weight * at)
-    pull = speed**2 * (outward + tip_mass * tip) * cos[:, 0]
+    by_root = jnp.tan(angle / 2) * cone.root_slopes[0][None] / length
+    roll = length * span.up_to(dt_dx[:, None] * across) + by_root
+    side = across_rate + dt_dx[:, None] * roll  # the curvature in the section's other direction
+    # The radial force over speed^2 of the mass beyond each point, and the tension, with a tip mass.
+    outward = span.beyond(dm / span.weight * distance)
+    tension = speed**2 * (outward + tip_mass * at_tip) * cos[:, 0]
 
     def inertia(a: Any, b: Any, a_tip: Any, b_tip: Any) -> Any:
         return _over(dm, a, b) + tip_mass * a_tip[:, None] * b_tip[None]
 
-    dx = length * span.weight
-    excess = cone.lag - cone.flap
+    dx, excess = length * span.weight, cone.lag - cone.flap
     lag, flap = cone.springs()
-    moment = -(speed**2) * cone.height(sin[:, 0], at, tip)
-    held = lag_of_root(lag, moment, angle), flap
+    moment = -(speed**2) * cone.height(sin[:, 0], distance, at_tip)
+    root_stiffness = lag_of_root(lag, moment, angle), flap
     springs = [k * (e / length)[:, None] * (e / length)[None]
-               for k, e in zip(held, cone.ends, strict=True)]  # fmt: skip
+               for k, e in zip(root_stiffness, cone.root_slopes, strict=True)]  # fmt: skip
     m_lag, m_x = inertia(y, y, y_tip, y_tip), inertia(x, x, x_tip, x_tip)
     k_lag = (
         _over(dx * excess, side, side)
         + _over(dx * cone.flap, across_rate, across_rate)
-        + _over(dx * (pull - cone.flap * bent**2), across, across)
+        + _over(dx * (tension - cone.flap * dt_dx**2), across, across)
         - speed**2 * m_lag + springs[0]
     )  # fmt: skip
     k_flap = (
-        _over(dx * cone.flap, bending, bending) + _over(dx * pull, rise, rise) - speed**2 * m_x
+        _over(dx * cone.flap, bending, bending) + _over(dx * tension, rise, rise) - speed**2 * m_x
         + springs[1]
     )  # fmt: skip
     coriolis = 2 * speed * inertia(y, x, y_tip, x_tip)
+    first_moment = jnp.sum(dm * distance) + tip_mass * at_tip
     block = jax.scipy.linalg.block_diag
     mass = block(m_lag, m_x + inertia(z, z, z_tip, z_tip))
-    if least := massless(shapes.basis, mass.dtype):
-        mass = mass + least * (rotor.beam.mass + tip_mass) * jnp.eye(len(mass))
+    if least_mass := massless(shapes.basis, mass.dtype):
+        mass = mass + least_mass * (rotor.beam.mass + tip_mass) * jnp.eye(len(mass))
     return LinearSystem(
         mass=mass,
         gyroscopic=jnp.block([[0 * m_lag, coriolis], [-coriolis.T, 0 * m_x]]),
         stiffness=block(k_lag, k_flap),
-        steady_strain=cone.strain(pull, speed**2 * (jnp.sum(dm * at) + tip_mass * tip), angle),
+        steady_strain=cone.strain(tension, speed**2 * first_moment, angle),
         status=status,
         directions=directions,
         coupling=coupling_groups(rotor),

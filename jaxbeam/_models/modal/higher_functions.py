@@ -1,18 +1,18 @@
-"""What the functions of a uniform beam leave out of a frequency: what the next ones would add.
+"""Errors of frequencies of a uniform beam by too few functions: what the next ones would add.
 
-Where nothing varies along the span and functions are integrated orthogonal polynomials, a mode x
-leaves its residual r = Q(l) x, Q(l) = l^2 M + l G + K, in the next few functions alone: inertia and
-tension are polynomials of low degree times the mode, and elastic forces of different functions have
-nothing to do with each other; what is at the tip or at the root meets only the first functions. Of
-x, too, only the last coefficients matter. To second order the next functions j change l by
+Where nothing varies along the span and functions are integrated orthogonal polynomials, the
+residual r = Q(l) x, Q(l) = l^2 M + l G + K, of a mode x is in the next few functions alone: inertia
+and tension are polynomials of low degree times the mode, elastic forces of different functions are
+orthogonal, and bodies and springs at the ends act on the first functions only. Of x, too, only the
+last coefficients matter. To second order the next functions j change l by
 
-    |d l| = sum_j |r_j|^2 / |Q_jj| / |x^H (2 l M + G) x|
+    |d l| = sum_j |r_j|^2 / |Q_jj| / |x^H (2 l M + G) x|,
 
-(with pitch the two of one number, in plane and in flap, have stiffness in common, which counts; and
-in a soft beam, which tension holds more than its stiffness does, the next functions take along
-others before and far beyond, for which `_enlarged` enlarges the sum), where |x^H (2 l M + G) x| is
-2 |l| for unit modal mass, but for what the Coriolis force does in it.
-This is the estimate of `_models/bases/truncation.py` for beams on which all is known beforehand.
+where |x^H (2 l M + G) x| is 2 |l| for unit modal mass, but for the Coriolis force. With pitch, the
+functions of one number in plane and in flap are coupled by stiffness, and count together. In a soft
+beam, held by tension more than by its stiffness, the next functions are coupled with earlier and
+far higher ones, for which `_enlarged` enlarges the sum. `_models/bases/truncation.py` has this
+estimate for beams that vary; here all integrals are tables.
 """
 
 import functools
@@ -38,173 +38,182 @@ from jaxbeam._types import Scalar
 
 
 def _polynomials(basis: Basis) -> Polynomials | None:
-    own = basis.basis if isinstance(basis, Yielding) else basis
-    return own if type(own) is Polynomials else None
+    functions = basis.basis if isinstance(basis, Yielding) else basis
+    return functions if type(functions) is Polynomials else None
 
 
 def _are_enough(basis: Basis, counts: FunctionCounts) -> bool:
-    """Whether the next functions see nothing of what is at the tip, and none for a slope at the
-    root."""
+    """Whether functions are so many that bodies and springs at the ends do not act on the next
+    ones."""
     polynomials, slopes = _polynomials(basis), _slopes(basis, counts)
     if polynomials is None:
         return False
     least = [(4 if any(slopes) else 1), *(4 if slope else 2 for slope in slopes[1:])]
-    own = zip(counts, slopes, least, strict=True)
-    return all(not n or n - slope >= most * polynomials.grading for n, slope, most in own)
+    each = zip(counts, slopes, least, strict=True)
+    return all(not n or n - slope >= needed * polynomials.grading for n, slope, needed in each)
 
 
 def _slopes(basis: Basis, counts: FunctionCounts) -> list[int]:
-    """How many functions of each direction are for a root that yields."""
+    """How many functions of each direction are for the slope at a root that yields: 0 or 1."""
     yields = (False, basis.in_plane, basis.flap) if isinstance(basis, Yielding) else (False,) * 3
     return [int(y and n > 0) for y, n in zip(yields, counts, strict=True)]
 
 
 class _Higher(NamedTuple):
-    """Tables of a unit beam, for the next e functions of all directions, by the c functions of the
-    model that they meet."""
+    """Tables of a unit beam: how the next e functions of all directions are coupled with c
+    functions of the model, and with themselves."""
 
-    places: np.ndarray  # (c,), of these among the coordinates
-    direction: np.ndarray  # (e,)
-    met: Float[np.ndarray, "t e c"]  # gram, three parts of tension, Coriolis force, turned sections
-    own: Float[np.ndarray, "4 e"]  # gram and tension of the next functions by themselves
-    pairs: np.ndarray  # (2, p), of next functions in plane and in flap with stiffness in common
+    places: np.ndarray  # (c,), coordinates of the functions of the model that are coupled
+    direction: np.ndarray  # (e,), of the next functions
+    coupled: Float[np.ndarray, "t e c"]  # gram, 3 of tension, Coriolis force, stiffness by pitch
+    diagonal: Float[np.ndarray, "4 e"]  # gram and 3 parts of tension of each next function
+    pairs: np.ndarray  # (2, p), next functions in plane and in flap that are coupled by stiffness
 
 
 @functools.lru_cache(maxsize=64)
 def _higher(basis: Basis, counts: FunctionCounts, mixed: bool) -> _Higher:
-    """`mixed`: sections are turned, so that functions of one number in plane and in flap have
-    stiffness in common."""
+    """Tables for the functions that follow `counts` of a basis. `mixed`: sections are turned, so
+    that stiffness couples functions of one number in plane and in flap."""
     polynomials = _polynomials(basis)
     assert polynomials is not None
     # In bending inertia is integrated twice, so that it is four degrees higher than curvature.
     width = 4 * polynomials.grading
     slopes = _slopes(basis, counts)
-    own = np.subtract(counts, slopes)
-    size = max(own) + width
+    polynomial_counts = np.subtract(counts, slopes)
+    size = max(polynomial_counts) + width
     wide = shape_integrals(polynomials, tuple(size if n else 0 for n in counts))
 
     def numbered(ranges: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Direction, number, and place in the tables."""
+        """Direction, number and row in the tables of the functions of these numbers."""
         direction = np.repeat(np.arange(3), [each.size for each in ranges])
         before = size * np.cumsum([0, *(n > 0 for n in counts)])[direction]
         return direction, np.concatenate(ranges), before + np.concatenate(ranges)
 
-    most = [own[0], *([max(own[1:])] * 2 if mixed else own[1:])]
-    ahead = [np.arange(a, (b + width) * (n > 0)) for a, b, n in zip(own, most, counts, strict=True)]
+    most = [
+        polynomial_counts[0],
+        *([max(polynomial_counts[1:])] * 2 if mixed else polynomial_counts[1:]),
+    ]
+    ahead = [
+        np.arange(a, (b + width) * (n > 0))
+        for a, b, n in zip(polynomial_counts, most, counts, strict=True)
+    ]
     direction, number, row = numbered(ahead)
-    to, other, column = numbered([np.arange(n) for n in own])
+    to, other, column = numbered([np.arange(n) for n in polynomial_counts])
 
-    def acts(on: Direction, of: Direction) -> np.ndarray:
+    def couples(on: Direction, of: Direction) -> np.ndarray:
         return (direction[:, None] == on) & (to == of)
 
     # The Coriolis force is that of the velocity in plane on the stretch, and the other way round.
     lag, flap, axial = Direction.IN_PLANE, Direction.FLAP, Direction.AXIAL
-    dragged = 1.0 * acts(lag, axial) - acts(axial, lag)
-    in_common = (acts(lag, flap) | acts(flap, lag)) & (number[:, None] == other)
+    dragged = 1.0 * couples(lag, axial) - couples(axial, lag)
+    in_common = (couples(lag, flap) | couples(flap, lag)) & (number[:, None] == other)
     gram, tension = wide.gram[np.ix_(row, column)], wide.tension[:, row[:, None], column]
-    met = np.stack([gram * (direction[:, None] == to), *tension, gram * dragged, in_common])
-    met = np.where(np.abs(met) > 1e-13 * np.abs(met).max(), met, 0.0)[: 6 if mixed else 5]
-    meet = np.flatnonzero(met.any((0, 1)))
-    neither = [(direction == k) & (number >= most[k]) & mixed for k in (1, 2)]
+    coupled = np.stack([gram * (direction[:, None] == to), *tension, gram * dragged, in_common])
+    coupled = np.where(np.abs(coupled) > 1e-13 * np.abs(coupled).max(), coupled, 0.0)[
+        : 6 if mixed else 5
+    ]
+    columns = np.flatnonzero(coupled.any((0, 1)))
+    beyond_both = [(direction == k) & (number >= most[k]) & mixed for k in (1, 2)]
     return _Higher(
-        places=(np.arange(own.sum()) + np.cumsum(slopes)[to])[meet],
+        places=(np.arange(polynomial_counts.sum()) + np.cumsum(slopes)[to])[columns],
         direction=direction,
-        met=met[:, :, meet],
-        own=np.stack([table[row, row] for table in (wide.gram, *wide.tension)]),
-        pairs=np.stack([np.flatnonzero(each) for each in neither]),
+        coupled=coupled[:, :, columns],
+        diagonal=np.stack([table[row, row] for table in (wide.gram, *wide.tension)]),
+        pairs=np.stack([np.flatnonzero(each) for each in beyond_both]),
     )
 
 
 def frequency_error(
     model: Any, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array, *, tensioned: bool
 ) -> Float[Array, " k"] | None:
-    """Estimate for each eigenvalue, relative; zero for zero ones. None where functions are not
-    `Polynomials`, or so few that the next ones see what is at the ends.
+    """Estimated relative error of each eigenvalue, zero for zero ones. None where functions are
+    not `Polynomials`, or so few that bodies or springs at the ends act on the next ones.
 
-    `shape` (k, n) are modes with unit modal mass; `tensioned` is whether the theory knows the
-    tension.
+    `shape` (k, n) are modes with unit modal mass; `tensioned` is whether the theory has the
+    stiffness of tension.
     """
     if not _are_enough(model.basis, model.counts):
         return None
     mixed = rotor.pitch is not None and min(model.counts[1:]) > 0
     higher = _higher(model.basis, model.counts, mixed)
-    tables, own = higher.met, higher.own
+    tables, diagonal = higher.coupled, higher.diagonal
     mass, eigenvalues = rotor.beam.mass, eigenvalue[:, None]
-    elastic, across = _stiffness(rotor)
-    ways = np.eye(3)[higher.direction]
-    elastic = (ways @ elastic)[None]
-    carried = speed**2 * np.where(higher.direction == Direction.FLAP, 0.0, 1.0)
-    swing = mass * (eigenvalues**2 - carried[None])
-    pull = jnp.stack(rotor.tension(speed)) / rotor.beam.length
+    elastic, coupling = _stiffness(rotor)
+    one_hot = np.eye(3)[higher.direction]
+    elastic = (one_hot @ elastic)[None]
+    centrifugal = speed**2 * np.where(higher.direction == Direction.FLAP, 0.0, 1.0)
+    inertia = mass * (eigenvalues**2 - centrifugal[None])
+    tension = jnp.stack(rotor.tension(speed)) / rotor.beam.length
 
-    # Products with tables in real numbers, which are the faster ones.
+    # Products with tables are by real and imaginary parts: faster than in complex numbers.
     parts = jnp.stack([shape.real, shape.imag])[:, :, higher.places]
-    met = jax.lax.complex(*jnp.tensordot(parts, tables, (2, 2)))
-    left = swing * met[:, 0] + 2 * mass * speed * eigenvalues * met[:, 4]
-    held = elastic + swing.real * own[:1]
+    products = jax.lax.complex(*jnp.tensordot(parts, tables, (2, 2)))
+    residual = inertia * products[:, 0] + 2 * mass * speed * eigenvalues * products[:, 4]
+    stiffness = elastic + inertia.real * diagonal[:1]
     rotary = section_inertia(rotor.beam, lambda value: value)
     if rotary is not None:
-        # Of mass off the axis, which the tension does not let turn outwards in plane.
-        across_beam = ways[:, 1:] @ jnp.stack(rotary) / rotor.beam.length
-        carried = speed**2 * (ways[:, 2] if tensioned else ways[:, 1:].sum(1))
-        turn = across_beam[None] * (eigenvalues**2 - carried[None])
-        left, held = left + turn * met[:, 1], held + turn.real * own[1:2]
+        # Rotary inertia of sections; with tension, centrifugal forces turn none in plane.
+        across_beam = one_hot[:, 1:] @ jnp.stack(rotary) / rotor.beam.length
+        centrifugal = speed**2 * (one_hot[:, 2] if tensioned else one_hot[:, 1:].sum(1))
+        turn = across_beam[None] * (eigenvalues**2 - centrifugal[None])
+        residual = residual + turn * products[:, 1]
+        stiffness = stiffness + turn.real * diagonal[1:2]
     if tensioned:
-        left = left + jnp.sum(met[:, 1:4] * pull[None, :, None], 1)
-        held = held + (pull @ own[1:])[None]
+        residual = residual + jnp.sum(products[:, 1:4] * tension[None, :, None], 1)
+        stiffness = stiffness + (tension @ diagonal[1:])[None]
     if mixed:
-        left = left + across * met[:, 5]
-    held = jnp.maximum(jnp.abs(held), elastic / 4)
+        residual = residual + coupling * products[:, 5]
+    stiffness = jnp.maximum(jnp.abs(stiffness), elastic / 4)
 
-    energy, scale = jnp.abs(left) ** 2 / held, 2 * jnp.abs(eigenvalue) ** 2
+    energy, scale = jnp.abs(residual) ** 2 / stiffness, 2 * jnp.abs(eigenvalue) ** 2
     if tensioned:
         matters = jnp.any(jnp.sum(energy, 1) > _MATTERS * scale)
-        energy = energy * _enlarged(model, rotor, speed, left, matters)
+        energy = energy * _enlarged(model, rotor, speed, residual, matters)
     whole = jnp.sum(energy, 1)
-    if mixed:  # and of pairs what they have in common
-        (r, t), (h, g) = (jnp.moveaxis(a[:, higher.pairs], 1, 0) for a in (left, held))
-        both = jnp.maximum(h * g - across**2, h * g / 1e8)
-        crossed = 2 * across * (r * t.conj()).real
-        of_pairs = (jnp.abs(r) ** 2 * g - crossed + jnp.abs(t) ** 2 * h) / both
+    if mixed:  # pairs that stiffness couples count together, not one by one
+        (r, t), (h, g) = (jnp.moveaxis(a[:, higher.pairs], 1, 0) for a in (residual, stiffness))
+        determinant = jnp.maximum(h * g - coupling**2, h * g / 1e8)
+        crossed = 2 * coupling * (r * t.conj()).real
+        of_pairs = (jnp.abs(r) ** 2 * g - crossed + jnp.abs(t) ** 2 * h) / determinant
         whole = whole + jnp.sum(of_pairs - jnp.sum(energy[:, higher.pairs], 1), 1)
     return relative(whole, scale)
 
 
-_MATTERS = 1e-10  # an error of which it matters whether it is several times as large
+_MATTERS = 1e-10  # relative error from which on `_enlarged` is worth computing
 
 
-def _enlarged(model: Any, rotor: Rotor, speed: Scalar, left: Array, matters: Array) -> Array:
-    """Factors (k, e) of the energies of the next functions, for what is beside the diagonal and for
-    all functions before and beyond: r^H K^-1 r over the sum of |r_j|^2 / K_jj. K is that of flap,
-    also in plane: there the first mode may be held next to nothing by it, of which others have no
-    part."""
+def _enlarged(model: Any, rotor: Rotor, speed: Scalar, residual: Array, matters: Array) -> Array:
+    """Factors (k, e) of the energies of the next functions for the full matrix K of all functions
+    in the place of its diagonal: r^H K^-1 r over the sum of |r_j|^2 / K_jj. K is that of flap in
+    plane too, where centrifugal forces may leave the first mode, and it alone, hardly any
+    stiffness."""
     polynomials = _polynomials(model.basis)
     assert polynomials is not None
     mixed = rotor.pitch is not None and min(model.counts[1:]) > 0
     direction = _higher(model.basis, model.counts, mixed).direction
-    own = np.subtract(model.counts, _slopes(model.basis, model.counts))
+    polynomial_counts = np.subtract(model.counts, _slopes(model.basis, model.counts))
     elastic, _ = _stiffness(rotor)
-    pulls = jnp.stack(rotor.tension(speed)) / rotor.beam.length
-    ways = [k for k in (Direction.IN_PLANE, Direction.FLAP) if model.counts[k]]
-    if not ways:
-        return jnp.ones_like(left.real)
-    weights = jnp.stack([jnp.concatenate([elastic[k][None], pulls]) for k in ways])
+    tension = jnp.stack(rotor.tension(speed)) / rotor.beam.length
+    directions = [k for k in (Direction.IN_PLANE, Direction.FLAP) if model.counts[k]]
+    if not directions:
+        return jnp.ones_like(residual.real)
+    weights = jnp.stack([jnp.concatenate([elastic[k][None], tension]) for k in directions])
     width = 4 * polynomials.grading
-    here = np.stack([np.flatnonzero(direction == k)[:width] for k in ways])
-    met = jnp.moveaxis(left[:, here], 1, 0)  # (ways, k, width)
-    solver = _enlarger(polynomials.grading, tuple(int(own[k]) for k in ways))
-    ratios = solver(weights, jnp.concatenate([met.real, met.imag], 1), matters)
-    of_each = (direction[None] == np.array(ways)[:, None]).astype(float)
-    return ratios.T @ of_each + (1 - np.sum(of_each, 0)[None])
+    next_ones = np.stack([np.flatnonzero(direction == k)[:width] for k in directions])
+    residuals = jnp.moveaxis(residual[:, next_ones], 1, 0)  # (directions, k, width)
+    solver = _enlarger(polynomials.grading, tuple(int(polynomial_counts[k]) for k in directions))
+    ratios = solver(weights, jnp.concatenate([residuals.real, residuals.imag], 1), matters)
+    is_in = (direction[None] == np.array(directions)[:, None]).astype(float)
+    return ratios.T @ is_in + (1 - np.sum(is_in, 0)[None])
 
 
 @functools.lru_cache(maxsize=64)
 def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array, Array], Array]:
-    """The batch rule of `_enlarged`, of (ways, 4) weights of tables and (ways, 2 k, width)
-    residuals, case by case, where it matters: stiff beams, of which kappa = L sqrt(P / EI) is no
-    more than functions are, need it not."""
+    """The ratios of `_enlarged` from weights (d, 4) of tables and residuals (d, 2 k, width) of d
+    directions, with a rule for batches. They are ones for stiff beams, whose kappa = L sqrt(P / EI)
+    is no more than the number of functions."""
 
-    def one(elastic: Array, r: Array, n: int) -> Array:
+    def direction_ratios(elastic: Array, r: Array, n: int) -> Array:
         size, k = n + _FAR * grading, len(r) // 2
         whole = jnp.tensordot(elastic, _products(grading, size), 1)
         columns = jnp.pad(r.T, ((n, size - n - r.shape[1]), (0, 0)))
@@ -214,34 +223,34 @@ def _enlarger(grading: int, counts: tuple[int, ...]) -> Callable[[Array, Array, 
         return jnp.where(alone > 0, jnp.maximum(both / jnp.where(alone > 0, alone, 1.0), 1.0), 1.0)
 
     def needed(weights: Array, matters: Array) -> Array:
-        pulls = weights @ np.array([0.0, 1.0, 1.0, 0.5])
-        stiff = np.array(counts).reshape(*(1,) * (pulls.ndim - 1), -1) ** 2 * weights[..., 0]
-        return jnp.any(matters) & jnp.any(pulls > stiff)
+        tension = weights @ np.array([0.0, 1.0, 1.0, 0.5])
+        stiff = np.array(counts).reshape(*(1,) * (tension.ndim - 1), -1) ** 2 * weights[..., 0]
+        return jnp.any(matters) & jnp.any(tension > stiff)
 
     def solver(weights: Array, residuals: Array, matters: Array) -> Array:
         ones = jnp.ones((len(counts), residuals.shape[1] // 2), residuals.dtype)
 
         def enlarged() -> Array:
-            if len(set(counts)) == 1:  # what is alike is compiled once
+            if len(set(counts)) == 1:  # equal counts share one program
                 return jax.lax.map(
-                    lambda case: one(case[0], case[1], counts[0]), (weights, residuals)
+                    lambda case: direction_ratios(case[0], case[1], counts[0]), (weights, residuals)
                 )
             each = zip(weights, residuals, counts, strict=True)
-            return jnp.stack([one(elastic, r, n) for elastic, r, n in each])
+            return jnp.stack([direction_ratios(elastic, r, n) for elastic, r, n in each])
 
         return jax.lax.cond(needed(weights, matters), enlarged, lambda: ones)
 
-    def many(size: int, own: tuple[bool, ...], leaves: list[Array]) -> Array:
-        """The factors of a batch, whose cases are not even looked at one by one where none needs
-        it."""
+    def many(size: int, per_case: tuple[bool, ...], leaves: list[Array]) -> Array:
+        """The factors of a batch; in batches without a case that needs them, they are ones without
+        a look at single cases."""
         weights, residuals, matters = leaves
         ones = jnp.ones((size, len(counts), residuals.shape[-2] // 2), residuals.dtype)
 
         def each(moving: list[Array]) -> Array:
             rest = iter(moving)
-            return solver(*(next(rest) if o else a for a, o in zip(leaves, own, strict=True)))
+            return solver(*(next(rest) if o else a for a, o in zip(leaves, per_case, strict=True)))
 
-        moving = [a for a, o in zip(leaves, own, strict=True) if o]
+        moving = [a for a, o in zip(leaves, per_case, strict=True) if o]
         return jax.lax.cond(
             needed(weights, matters), lambda: jax.lax.map(each, moving), lambda: ones
         )
@@ -255,7 +264,8 @@ _FAR = 64  # functions beyond those of a model: they see layers of a ten thousan
 
 @functools.lru_cache(maxsize=64)
 def _products(grading: int, size: int) -> Float[np.ndarray, "4 n n"]:
-    """Products of so many functions, of curvatures and by the three parts of tension."""
+    """Integrals of products of `size` functions: of curvatures, and of slopes with the three parts
+    of tension."""
     t, w = legendre.leggauss(grading * (size + 4))
     xi, rate = ((1 + t) / 2) ** grading, grading * ((1 + t) / 2) ** (grading - 1) / 2
     root = np.sqrt(w * rate)[:, None]
@@ -274,5 +284,5 @@ def _stiffness(rotor: Rotor) -> tuple[Float[Array, " 3"], Any]:
     in_plane, flap = beam.in_plane_bending_stiffness / cubed, beam.flap_bending_stiffness / cubed
     axes = None if rotor.pitch is None else (jnp.cos(rotor.pitch), jnp.sin(rotor.pitch))
     bending, across = in_beam_axes(in_plane, flap, axes)
-    own = jnp.broadcast_arrays(beam.axial_stiffness / beam.length, *bending)
-    return jnp.stack(own), 0.0 if across is None else across
+    stiffness = jnp.broadcast_arrays(beam.axial_stiffness / beam.length, *bending)
+    return jnp.stack(stiffness), 0.0 if across is None else across

@@ -1,8 +1,8 @@
-"""Integrals that Cartesian models are made of, over all functions of a model side by side.
+"""Integrals over the functions of a Cartesian model, all directions side by side.
 
-Of a uniform beam they are tables for a unit beam, in NumPy, computed once. Where properties vary
-along the span, the same integrals get their weights: mass per length over the mass in the place of
-one, stiffness as it is at each point.
+For a uniform beam they are tables for a unit beam, in NumPy, computed once. Where properties vary
+along the span, the same integrals are weighted: by mass per length over the mass in the place of
+one, and by the stiffness at each point.
 """
 
 import functools
@@ -23,28 +23,31 @@ from jaxbeam._types import Matrix
 
 
 class ShapeIntegrals(NamedTuple):
-    """Integrals over a beam of unit length and mass, and values at its ends."""
+    """Integrals of n functions f(xi) over a beam of unit length and mass, and values at its ends.
 
-    one_hot: Float[np.ndarray, "n 3"]  # one-hot: which way a coordinate moves
-    tip: Any  # (n,)
-    tip_slope: Any  # (n,), slope at the tip, of bending functions alone
-    root: Any  # (n,), slope at the root, of bending functions alone
-    elastic: Any  # (3, n, n), axial f' f', in plane and flap f'' f'', of a uniform beam alone
-    gram: Any  # (n, n)
-    mean: Any  # (n,)
+    The weights t_k of tension are 1, 1 - xi and (1 - xi^2) / 2 for a uniform beam.
+    """
+
+    one_hot: Float[np.ndarray, "n 3"]  # 1 in the column of the direction of each coordinate
+    tip: Any  # (n,), f(1)
+    tip_slope: Any  # (n,), f'(1) of bending functions, zero for axial ones
+    root: Any  # (n,), f'(0) of bending functions, zero for axial ones
+    elastic: Any  # (3, n, n), int f' f' axial, int f'' f'' in plane and flap; None if not uniform
+    gram: Any  # (n, n), int f f
+    mean: Any  # (n,), int f
     first: Any  # (n,), int xi f
-    tension: Any  # (3, n, n), bending alone: int t_k f' f', see `Integrals`
-    axial_tension: Any  # (3, n, n), the same for the axial coordinates
+    tension: Any  # (3, n, n), int t_k f' f' of bending functions, zero for axial ones
+    axial_tension: Any  # (3, n, n), int t_k f' f' of axial functions, zero for bending ones
 
 
 def one_hots(counts: FunctionCounts) -> Float[np.ndarray, "n 3"]:
-    """One-hot: which way a coordinate moves, axially, in plane or in flap."""
+    """Rows of the unit matrix: 1 in the column of a coordinate's direction."""
     return np.eye(3)[np.repeat(np.arange(3), counts)]
 
 
 @functools.lru_cache(maxsize=64)
 def shape_integrals(basis: Basis, counts: FunctionCounts) -> ShapeIntegrals:
-    """Integrals of a uniform beam, in NumPy."""
+    """Integrals over a uniform beam for `counts` functions of a basis, in NumPy."""
     direction = np.repeat(np.arange(3), counts)
     one_hot = np.eye(3)[direction]
     xi, w = basis.quadrature(max(counts))
@@ -57,14 +60,16 @@ def shape_integrals(basis: Basis, counts: FunctionCounts) -> ShapeIntegrals:
         if n == 0:
             continue
         rows = np.ix_(direction == k, direction == k)
-        own = (
+        integrals = (
             stretch_integrals(basis, n)
             if k == 0
             else bending_integrals(basis.towards(COMPONENTS[k]), n)
         )
-        gram[rows] = own.mass
-        elastic[k][rows] = own.tension[0] if k == 0 else own.curvature
-        for table, whole in zip(own.tension, axial_tension if k == 0 else tension, strict=True):
+        gram[rows] = integrals.mass
+        elastic[k][rows] = integrals.tension[0] if k == 0 else integrals.curvature
+        for table, whole in zip(
+            integrals.tension, axial_tension if k == 0 else tension, strict=True
+        ):
             whole[rows] = table
     ends = ends_of(basis, counts)
     return ShapeIntegrals(
@@ -82,25 +87,27 @@ def shape_integrals(basis: Basis, counts: FunctionCounts) -> ShapeIntegrals:
 
 
 def weighted(shapes: Shapes, rotor: Rotor) -> ShapeIntegrals:
-    """Integrals of a beam whose properties vary; `elastic` is left out."""
+    """Integrals over a beam whose properties vary, by its mass; `elastic` is None."""
     span, f = shapes.span, shapes.at
     one_hot = one_hots(shapes.counts)
-    share, *beyond = outboard(rotor.beam.mass_with_points, span)
-    share = span.weight * share
-    pulls = span.weight[None] * jnp.stack([jnp.ones_like(share), *beyond])
-    axial, *bends = (_grams(own, pulls) for own in _of_each(f.slope, shapes.counts))
-    rests = [jnp.zeros_like(gram) for gram in (axial, *bends)]
+    mass_share, *beyond = outboard(rotor.beam.mass_with_points, span)
+    mass_share = span.weight * mass_share
+    tension_weights = span.weight[None] * jnp.stack([jnp.ones_like(mass_share), *beyond])
+    axial, *bending = (
+        _grams(slopes, tension_weights) for slopes in _by_direction(f.slope, shapes.counts)
+    )
+    zeros = [jnp.zeros_like(gram) for gram in (axial, *bending)]
     return ShapeIntegrals(
         one_hot=one_hot,
         tip=shapes.ends.tip,
         tip_slope=shapes.ends.tip_slope,
         root=shapes.ends.root,
         elastic=None,
-        gram=_gram(f.value, share),
-        mean=share @ f.value,
-        first=(share * span.xi) @ f.value,
-        tension=_side_by_side([rests[0], *bends]),
-        axial_tension=_side_by_side([axial, *rests[1:]]),
+        gram=_gram(f.value, mass_share),
+        mean=mass_share @ f.value,
+        first=(mass_share * span.xi) @ f.value,
+        tension=_side_by_side([zeros[0], *bending]),
+        axial_tension=_side_by_side([axial, *zeros[1:]]),
     )
 
 
@@ -126,17 +133,17 @@ def varying_stiffness(shapes: Shapes, rotor: Rotor) -> Matrix:
     """
     length, span, f, counts = rotor.beam.length, shapes.span, shapes.at, shapes.counts
     profile, weight = Profile.of(rotor, span), span.weight
-    stretch = _of_each(f.slope, counts)[0]
-    _, first, second = _of_each(f.curvature, counts)
-    (in_plane, flap), across = in_beam_axes(profile.in_plane, profile.flap, profile.section_axes)
+    stretch = _by_direction(f.slope, counts)[0]
+    _, in_plane_curvature, flap_curvature = _by_direction(f.curvature, counts)
+    (in_plane, flap), coupling = in_beam_axes(profile.in_plane, profile.flap, profile.section_axes)
     blocks = [
         _gram(stretch, weight * profile.axial / length),
-        _gram(first, weight * in_plane / length**3),
-        _gram(second, weight * flap / length**3),
+        _gram(in_plane_curvature, weight * in_plane / length**3),
+        _gram(flap_curvature, weight * flap / length**3),
     ]
     out = jax.scipy.linalg.block_diag(*blocks)
-    if across is not None:
-        crossed = first.T @ ((weight * across / length**3)[:, None] * second)
+    if coupling is not None:
+        crossed = in_plane_curvature.T @ ((weight * coupling / length**3)[:, None] * flap_curvature)
         start = (counts[0], counts[0] + counts[1])
         upper = jax.lax.dynamic_update_slice(jnp.zeros_like(out), crossed, start)
         out = out + upper + upper.T
@@ -153,21 +160,21 @@ def springs(root: Any, one_hot: np.ndarray, rotor: Rotor) -> Any:
     return out
 
 
-def _of_each(columns: Array, counts: FunctionCounts) -> list[Array]:
-    """Columns (p, n) of all coordinates, those of each direction by themselves."""
+def _by_direction(columns: Array, counts: FunctionCounts) -> list[Array]:
+    """Functions (p, n) of all coordinates as axial, in-plane and flap columns."""
     return jnp.split(columns, np.cumsum(counts)[:-1], 1)
 
 
 def _grams(f: Array, weights: Array) -> Array:
-    """Integrals (w, n, n) of products of functions (p, n) by weights (w, p): one product of
-    matrices."""
+    """Integrals (w, n, n) of products of functions (p, n) under w weights (w, p), as one product
+    of matrices."""
     weighed = jnp.moveaxis(weights, 0, 1)[:, :, None] * f[:, None]
-    both = (f.T @ weighed.reshape(len(f), -1)).reshape(f.shape[1], len(weights), f.shape[1])
-    return jax.vmap(symmetric_part, 1)(both)
+    products = (f.T @ weighed.reshape(len(f), -1)).reshape(f.shape[1], len(weights), f.shape[1])
+    return jax.vmap(symmetric_part, 1)(products)
 
 
 def _side_by_side(blocks: list[Array]) -> Array:
-    """Blocks (w, k, k) on the diagonal."""
+    """Block-diagonal matrices (w, n, n) of the blocks (w, k, k) of each direction."""
     return jax.vmap(lambda *each: jax.scipy.linalg.block_diag(*each))(*blocks)
 
 

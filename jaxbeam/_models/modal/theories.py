@@ -81,10 +81,10 @@ class _Modal(CartesianModel):
 
     @classmethod
     def of_size(cls, n: int, rotor: Rotor, planar: bool, n_stretch: int = 0) -> Self:
-        """The model with n functions across, each way, and one more where the root yields, for a
-        rotor and others that are like it; in flap, unless all stays in the plane."""
-        # One or two modes at rest do better than as many polynomials, from three on these win; of
-        # beams that vary they are not the modes.
+        """The model with n bending functions in plane and, unless `planar`, in flap, and one more
+        in each where the root yields, for a rotor and others of its kind."""
+        # One or two modes at rest are better than as many polynomials, from three on polynomials
+        # are better. Modes of a uniform beam are not those of one that varies.
         few = n <= 2 and not n_stretch and not rotor.varies
         basis = CantileverModes() if few else Polynomials()
         in_plane, flap = (n + (spring is not None) for spring in rotor.springs)
@@ -101,56 +101,59 @@ class _Modal(CartesianModel):
         return self.basis
 
     def suited(self, rotor: Rotor) -> Self:
-        """The model with a root that yields where that of the rotor does; every function of the
-        package that takes a model begins with that."""
-        own = self.basis.basis if isinstance(self.basis, Yielding) else self.basis
-        if rotor.root_springs is not None and not follows(own, rotor):
-            own = Yielding(own, *(spring is not None for spring in rotor.springs))
-        return dataclasses.replace(self, basis=own)
+        """The model with functions for a slope at the root where the rotor has springs there. All
+        functions of the package that take a model begin with this."""
+        basis = self.basis.basis if isinstance(self.basis, Yielding) else self.basis
+        if rotor.root_springs is not None and not follows(basis, rotor):
+            basis = Yielding(basis, *(spring is not None for spring in rotor.springs))
+        return dataclasses.replace(self, basis=basis)
 
     def judged(self, rotor: Rotor) -> bool:
-        """True also of a uniform beam with layers, or by default: with as many functions as the
-        class has by itself, or none."""
-        own = ((self.n_in_plane, type(self).n_in_plane), (self.n_flap, type(self).n_flap))
-        by_default = all(n in (0, default) for n, default in own)
+        """Whether the error by too few functions is judged: of a uniform beam too where functions
+        have layers, or are as many as by default, or none."""
+        numbers = ((self.n_in_plane, type(self).n_in_plane), (self.n_flap, type(self).n_flap))
+        by_default = all(n in (0, default) for n, default in numbers)
         return super().judged(rotor) or by_default or layered.has_layers(self.basis)
 
     def resolves(self, rotor: Rotor, speed: Scalar) -> Bool[Array, ""]:
-        """n polynomials follow layers at a clamp of which kappa is no more than n^2."""
+        """Whether functions are enough: n polynomials are for boundary layers at a clamp if
+        kappa = L sqrt(P / EI) is at most n^2."""
         if rotor.varies or not self.judged(rotor) or layered.has_layers(self.basis):
             return super().resolves(rotor, speed)
         return layered.are_followed(self.counts[1:], rotor, speed)
 
     def tension(self, rotor: Rotor, profile: Profile, speed: Scalar) -> Array | None:
-        """The tension of sections in steady rotation, in N; None in a theory without it."""
+        """The tension in sections in steady rotation, in N; None in a theory that neglects it."""
         return tension(profile, rotor, speed)
 
     def frequency_error(
         self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
     ) -> Float[Array, " k"] | None:
-        """The estimate for beams that vary along the span, by the differential equation:
-        `truncation.py`."""
+        """The estimate of relative errors of frequencies by too few functions, for beams that
+        vary, from the residual of the differential equation (`truncation.py`)."""
         if not rotor.varies or rotor.precone is not None:
             return None
         # Without axial motion all shapes are real.
         shape = shape if self.n_stretch else shape.real
-        parts = self._by_direction(shape)
+        coordinates = self._by_direction(shape)
         if system.shapes is not None and system.shapes.mixes is not None:
-            profile, found = shape_of(self._kind, rotor, system.shapes.mixes, parts, MORE_POINTS)
+            profile, shapes = shape_of(
+                self._kind, rotor, system.shapes.mixes, coordinates, MORE_POINTS
+            )
         else:
             span = self.basis.rule(2 * self.products, shortened(rotor.beam.edges))
             profile = Profile.of(rotor, span)
-            found = of_basis(self.basis, self.counts, span, parts)
-        pull = self.tension(rotor, profile, speed)
-        return frequency_error(found, profile, rotor, speed, eigenvalue, self.counts, pull)
+            shapes = of_basis(self.basis, self.counts, span, coordinates)
+        tension = self.tension(rotor, profile, speed)
+        return frequency_error(shapes, profile, rotor, speed, eigenvalue, self.counts, tension)
 
     def _by_direction(self, shape: Array) -> list[Array]:
-        """Coordinates (k, n) as (n, k) of each direction."""
+        """Coordinates (k, n) of k modes as matrices (n_d, k) of axial, in-plane and flap ones."""
         return jnp.split(shape.T, np.cumsum(self.counts)[:-1])
 
     @property
     def stretch_follows(self) -> bool:
-        """Whether stretch has the steps of 1 / EA on a beam that varies."""
+        """Whether stretch functions on a beam that varies have the steps of 1 / EA."""
         return True
 
     @property
@@ -175,17 +178,18 @@ class _Linear(_Modal):
     is_linear = True
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
-        """The coefficients of the equations of motion."""
+        """Matrices of small motion: the coefficients of the linear equations of motion."""
         return linear_system(self, rotor, speed)
 
     def frequency_error(
         self, system: LinearSystem, rotor: Rotor, speed: Scalar, eigenvalue: Array, shape: Array
     ) -> Float[Array, " k"] | None:
-        """The estimate for uniform beams, by what more functions would add: `finer.py`, or, where
-        all is known of them, `higher_functions.py`; for others as in `_Modal`."""
+        """The estimate for uniform beams by what more functions would add: `higher_functions.py`
+        for polynomials, `finer.py` for layers and rotary inertia with pitch. Beams that vary have
+        that of `_Modal`."""
         if rotor.varies or rotor.precone is not None:
             return super().frequency_error(system, rotor, speed, eigenvalue, shape)
-        # What derives from these may have other functions.
+        # Subclasses may have other functions.
         if type(self) not in (Hybrid, Classical):
             return None
         skew = rotor.pitch is not None and rotor.beam.polar_inertia is not None
@@ -217,7 +221,8 @@ class Hybrid(_Linear):
     neglects = Neglects(deflection=0.3, strain=0.4)
 
     def at_speed(self, rotor: Rotor, speed: Any) -> Self:
-        """Layers by default, of a uniform beam so soft that polynomials leave out 1e-6 and more."""
+        """The model with boundary layers among its functions by default, for a uniform beam so
+        soft that polynomials leave out 1e-6 of a frequency or more."""
         if not (self._lacks_layers(rotor) and layered.is_known_to_be_soft(rotor, speed)):
             return self
         lag, flap = (n + layered.LAYERS * (n > 0) for n in self.counts[1:])
@@ -225,7 +230,7 @@ class Hybrid(_Linear):
         return dataclasses.replace(self, basis=basis, n_in_plane=lag, n_flap=flap)
 
     def most_error(self, rotor: Rotor, speed: Scalar) -> Any:
-        """1e-6 of beams that have layers where numbers are known."""
+        """The error above which frequencies fail: 1e-6 for beams that `at_speed` gives layers."""
         soft = self._lacks_layers(rotor) and layered.is_soft(rotor, speed)
         return jnp.where(soft, 1e-6, super().most_error(rotor, speed))
 
@@ -237,15 +242,15 @@ class Hybrid(_Linear):
         return True
 
     def equations(self, rotor: Rotor) -> CartesianEquations:
-        """Equations with int P(x) phi' phi'^T dx: the second and third lines of Y eqs. 19 and
-        20."""
+        """Equations with the stiffness int P(x) phi' phi'^T dx of the tension P: the second and
+        third lines of Y eqs. 19 and 20."""
         shapes = self.shapes(rotor)
         elastic = LinearElasticity(self.linear_stiffness(rotor, shapes))
         return CartesianEquations.build(self, rotor, elastic, shapes, lambda t: t.tension)
 
     def matrices(self, rotor: Rotor, speed: Scalar) -> LinearSystem:
-        """The coefficients of the equations of motion; about the deflected steady state of a coned
-        beam (`coned.py`)."""
+        """Matrices of small motion: the coefficients of the linear equations, or of a coned beam
+        those about its deflected steady state (`coned.py`)."""
         if rotor.precone is None:
             return super().matrices(rotor, speed)
         check_supported(self, rotor, moving=False)
@@ -257,45 +262,40 @@ class Hybrid(_Linear):
         return coned_system(rotor, speed, self.sampled(rotor, self.shapes(rotor)), self.directions)
 
     def mixes(self, system: LinearSystem, rotor: Rotor) -> Mixes | None:
-        """Combinations of loads, of a model without stretch; what derives from this has none."""
+        """Combinations of loads that the functions of a beam that varies are deflections by; None
+        for models with stretch, cones and subclasses."""
         alone = type(self) is Hybrid and not self.n_stretch and rotor.precone is None
         return system.shapes.mixes if alone and system.shapes is not None else None
 
     def forms(
         self, rotor: Rotor, speed: Scalar, shape: Array, mixes: Mixes
     ) -> tuple[Array, Array, Array]:
-        """Forms by integrals of the shapes themselves, much fewer than those of functions."""
+        """Quadratic forms of modes `shape` (k, n) by integrals of the k shapes themselves: much
+        fewer than integrals of all functions."""
         profile, x = shape_of(self._kind, rotor, mixes, self._by_direction(shape.real))
-        pull = self.tension(rotor, profile, speed)
-        assert pull is not None
-        return forms(x, profile, rotor, speed, self.counts, pull)
+        tension = self.tension(rotor, profile, speed)
+        assert tension is not None
+        return forms(x, profile, rotor, speed, self.counts, tension)
 
     def bands(self) -> BandTables | None:
-        """Polynomials give narrow bands if they are ordered by degree, in-plane ones first."""
-        # What derives from this may differ in stiffness, functions or equations.
+        """Tables of the band matrices: polynomials give narrow bands if they are ordered by
+        degree, in-plane ones first. None for other functions."""
+        # Subclasses may differ in stiffness, functions or equations.
         enough = self.n_in_plane >= 8 and self.n_flap not in range(1, 8)
         if type(self) is not Hybrid or self.basis != Polynomials() or not enough:
             return None
-        shape_integrals, m, n = self.shape_integrals, self.n_stretch, self.n_in_plane
+        unit, m, n = self.shape_integrals, self.n_stretch, self.n_in_plane
         order = np.argsort(np.append(np.arange(m) + 0.5, np.arange(n)), kind="stable")
-        rows, way = np.ix_(order, order), shape_integrals.one_hot[order]
-        alike, end = way @ way.T, np.outer(shape_integrals.tip, shape_integrals.tip)
-        found = [
-            table[rows] for table in (*shape_integrals.elastic[[1, 0]], *shape_integrals.tension)
-        ]
-        found += [alike * shape_integrals.gram[rows], alike * end[rows]]
-        found += [(1 - alike) * shape_integrals.gram[rows], (1 - alike) * end[rows]]
+        rows, one_hot = np.ix_(order, order), unit.one_hot[order]
+        same, tips = one_hot @ one_hot.T, np.outer(unit.tip, unit.tip)
+        in_plane = [table[rows] for table in (*unit.elastic[[1, 0]], *unit.tension)]
+        in_plane += [same * unit.gram[rows], same * tips[rows]]
+        in_plane += [(1 - same) * unit.gram[rows], (1 - same) * tips[rows]]
         flap = [
-            table[m + n :, m + n :]
-            for table in (
-                shape_integrals.elastic[2],
-                *shape_integrals.tension,
-                shape_integrals.gram,
-                end,
-            )
+            table[m + n :, m + n :] for table in (unit.elastic[2], *unit.tension, unit.gram, tips)
         ]
         return BandTables(
-            in_plane=[_without_rounding(table) for table in found],
+            in_plane=[_without_rounding(table) for table in in_plane],
             flap=[_without_rounding(table) for table in flap] if self.n_flap else [],
             order=np.append(order, np.arange(m + n, len(self.directions))),
             places=np.argsort(order)[m:],
@@ -383,16 +383,16 @@ class VonKarman(_Modal):
         else:
             slope, stiffness = shapes.at.slope, beam.mean.axial_stiffness
             along_it = shapes.span.weight * on(beam.axial_stiffness, shapes.span) / stiffness
-        bends = self.one_hot[:, 1:].sum(1)
+        is_bending = self.one_hot[:, 1:].sum(1)
         elastic = VonKarmanElasticity(
-            bending=self.linear_stiffness(rotor, shapes) * np.outer(bends, bends),
+            bending=self.linear_stiffness(rotor, shapes) * np.outer(is_bending, is_bending),
             axial_stiffness=stiffness,
             length=beam.length,
             slope=jnp.asarray(slope),
             weight=along_it,
             one_hot=jnp.asarray(self.one_hot),
         )
-        # The centre of a body at the tip comes nearer when the end of the beam turns, and so does
-        # what turning sections have off the axis.
-        short = (lambda t: jnp.zeros_like(t.tension)) if rotor.turns_mass else None
-        return CartesianEquations.build(self, rotor, elastic, shapes, short)
+        # Zero tension tables: the axial strain says how far points come nearer, but not the centre
+        # of a body at the tip or mass off the axis, which do when sections turn.
+        stiffened = (lambda t: jnp.zeros_like(t.tension)) if rotor.turns_mass else None
+        return CartesianEquations.build(self, rotor, elastic, shapes, stiffened)

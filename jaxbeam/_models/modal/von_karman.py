@@ -18,7 +18,7 @@ class VonKarmanElasticity(Elasticity):
     axial_stiffness: Number
     length: Number
     slope: Float[Array, "p n *#lanes"]
-    # Of a point, over the axial stiffness times that which is there.
+    # Weight of each point of integration times EA there over `axial_stiffness`.
     weight: Float[Array, "p *#lanes"]
     one_hot: Float[Array, "n 3 *#lanes"]
 
@@ -29,7 +29,7 @@ class VonKarmanElasticity(Elasticity):
 
     def force(self, q: Vector) -> Vector:
         gradient = self._gradient(q)
-        return self._pulled(gradient, self.strain(gradient)) + matvec_once(self.bending, q)
+        return self._axial_force(gradient, self.strain(gradient)) + matvec_once(self.bending, q)
 
     def tangent(self, q: Vector) -> Matrix:
         gradient = self._gradient(q)
@@ -38,12 +38,12 @@ class VonKarmanElasticity(Elasticity):
 
     def viscous(self, q: Vector, v: Vector) -> Vector:
         gradient = self._gradient(q)
-        return self._pulled(gradient, self._rate(gradient, v)) + matvec_once(self.bending, v)
+        return self._axial_force(gradient, self._rate(gradient, v)) + matvec_once(self.bending, v)
 
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:
-        gradient, moving = self._gradient(q), self._gradient(v)
-        rows, bends = self._rows(gradient), self._rows(moving) - self._rows(0 * moving)
-        by_q = self._product(rows, bends) + self._geometric(self._rate(gradient, v))
+        gradient, rates = self._gradient(q), self._gradient(v)
+        rows, row_rates = self._rows(gradient), self._rows(rates) - self._rows(0 * rates)
+        by_q = self._product(rows, row_rates) + self._geometric(self._rate(gradient, v))
         return by_q, self._product(rows, rows) + self.bending
 
     def strain(self, gradient: Float[Array, "p 3 *#lanes"]) -> Float[Array, "p *#lanes"]:
@@ -53,18 +53,18 @@ class VonKarmanElasticity(Elasticity):
         return matmul(self.slope, self.one_hot * q[:, None]) / self.length
 
     def _rows(self, gradient: Float[Array, "p 3 *#lanes"]) -> Float[Array, "p n *#lanes"]:
-        """d strain / dq, times length."""
+        """Rows (p, n) of d strain / dq at the points, times length."""
         along = jnp.concatenate([jnp.ones_like(gradient[:, :1]), gradient[:, 1:]], 1)
         return self.slope * matmul(along, self.one_hot.swapaxes(0, 1))
 
     def _rate(self, gradient: Float[Array, "p 3 *#lanes"], v: Vector) -> Float[Array, "p *#lanes"]:
-        """The rate of the strain."""
+        """The rate of the strain at the points, (p,)."""
         return matvec_once(self._rows(gradient), v) / self.length
 
-    def _pulled(
+    def _axial_force(
         self, gradient: Float[Array, "p 3 *#lanes"], strain: Float[Array, "p *#lanes"]
     ) -> Vector:
-        """The generalised force of a strain."""
+        """The generalised force (n,) of the axial force EA strain at the points."""
         rows = self._rows(gradient).swapaxes(0, 1)
         return matvec_once(rows, self.axial_stiffness * self.weight * strain)
 
@@ -76,6 +76,6 @@ class VonKarmanElasticity(Elasticity):
 
     def _geometric(self, strain: Float[Array, "p *#lanes"]) -> Matrix:
         """The geometric stiffness of a strain, by the derivative of `_rows` by q."""
-        bends = self.one_hot[:, 1:]
-        alike = matmul(bends, bends.swapaxes(0, 1))
-        return self._product(self.slope, strain[:, None] * self.slope) * alike
+        bending = self.one_hot[:, 1:]
+        same_direction = matmul(bending, bending.swapaxes(0, 1))
+        return self._product(self.slope, strain[:, None] * self.slope) * same_direction

@@ -130,7 +130,7 @@ class Moving(Kinematics):
         return without_drift(tables, jnp.concatenate(rows), self.rod.held_tip)
 
     def inverse(self, matrix: Matrix) -> Factors:
-        return Factors.of(matrix)
+        return Factors.of_matrix(matrix)
 
     @property
     def _own(self) -> Float[Array, " nodes"]:
