@@ -12,7 +12,7 @@ from jax.extend.core import get_opaque_trace_state
 
 from jaxbeam._programs.structure import name_of
 from jaxbeam._programs.traced import Traces
-from jaxbeam._programs.transformed import Around, around, linear_program, linearized
+from jaxbeam._programs.transformed import Transformations, around, linear_program, linearized
 
 # XLA's older emitters of CPU code compile programs like ours in half the time, and the programs are
 # as fast. The last releases of JAX for Python 3.11 still have them; later ones have no such option.
@@ -36,8 +36,9 @@ class Program:
 
     A user's first calls, as many as `calls`, are of a program that is compiled quickly and runs
     slowly, later ones of one that is compiled well. `calls` is zero for functions that work on many
-    cases or for long. Within another program the function becomes a part of that. With `jit=jax.jit`, for functions of arrays alone, its programs are freed with it;
-    those of equinox stay for ever. `identity` returns what tells the function from others in a
+    cases or for long. Within another program the function becomes a part of that. With
+    `jit=jax.jit`, for functions of arrays alone, its programs are freed with it; those of equinox
+    stay for ever. `identity` returns what tells the function from others in a
     folder of programs (by default its name in this package), and `refused` is called with the error
     for which a program is not kept.
     """
@@ -115,7 +116,7 @@ class Program:
             return (self.part if _is_within() else self.well)(*args, **kwargs)
         return self.well.transformed(transformations, args, kwargs)
 
-    def _around(self) -> Around | None:
+    def _around(self) -> Transformations | None:
         """Transformations of JAX around the caller in which a program may have options."""
         return around() if self._jit is eqx.filter_jit else None
 
@@ -144,11 +145,14 @@ class OuterProgram:
             return self._made(*args, **kwargs)
         return traced.result(traced.program(self._options)(*arrays))
 
-    def transformed(self, transformations: Around, args: Any, kwargs: Any) -> Any:
+    def transformed(self, transformations: Transformations, args: Any, kwargs: Any) -> Any:
         """The result of a call within transformations of JAX that no other program is around."""
         if not transformations.is_linearized:
             return self._made(*args, **kwargs)
-        return linearized(self._made, self._linear, args, kwargs)
+        try:
+            return linearized(self._made, self._linear, args, kwargs)
+        except jax.errors.UnexpectedTracerError:  # functions among arguments close over what moves
+            return self._part(*args, **kwargs)
 
     @functools.cached_property
     def _linear(self) -> Callable[..., Any]:

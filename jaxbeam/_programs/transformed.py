@@ -14,7 +14,7 @@ from jax.extend.core import take_current_trace
 _FORWARD, _BATCH, _LINEARIZE, _OUTSIDE = "JVPTrace", "BatchTrace", "LinearizeTrace", "EvalTrace"
 
 
-class Around(NamedTuple):
+class Transformations(NamedTuple):
     """The transformations of JAX around a call: whether one is a linearization, as in `grad`, and
     whether they are of values in a batch without one, as in `vmap` and `jacfwd`."""
 
@@ -22,9 +22,10 @@ class Around(NamedTuple):
     is_batch_of_values: bool
 
 
-def around() -> Around | None:
+def around() -> Transformations | None:
     """The transformations around the caller, in which a program may have options of the compiler;
-    None outside of all, within another program, and within two linearizations."""
+    None outside of all, within another program, within two linearizations, and within a
+    linearization of a derivative in forward mode."""
     names = []
     with take_current_trace() as trace:
         while trace is not None:
@@ -32,10 +33,12 @@ def around() -> Around | None:
             trace = getattr(trace, "parent_trace", None)
     if len(names) < 2 or names.pop() != _OUTSIDE or {*names} - {_FORWARD, _BATCH, _LINEARIZE}:
         return None
-    if names.count(_LINEARIZE) > 1:
+    if _LINEARIZE not in names:
+        return Transformations(False, _BATCH in names)
+    first = names.index(_LINEARIZE)  # from the innermost transformation on
+    if _FORWARD in names[:first] or _LINEARIZE in names[first + 1 :]:
         return None
-    is_linearized = _LINEARIZE in names
-    return Around(is_linearized, _BATCH in names and not is_linearized)
+    return Transformations(True, False)
 
 
 def linear_program(function: Callable[..., Any], options: dict[str, Any]) -> Callable[..., Any]:
@@ -49,7 +52,8 @@ def linear_program(function: Callable[..., Any], options: dict[str, Any]) -> Cal
 
         return jax.linearize(value, by, has_aux=True)
 
-    return eqx.filter_jit(value_and_slope, compiler_options=options)
+    how: dict[str, Any] = {"compiler_options": options}  # which the types of equinox do not know
+    return eqx.filter_jit(value_and_slope, **how)
 
 
 def linearized(function: Callable[..., Any], program: Any, args: Any, kwargs: Any) -> Any:

@@ -67,6 +67,71 @@ def test_a_call_within_another_program_is_a_part_of_it():
         assert all(each is (squared.quick if call is asked else squared.part) for each in seen)
 
 
+class _Mixed(eqx.Module):
+    """A result with arrays, numbers and a name."""
+
+    value: jax.Array
+    count: jax.Array
+    name: str = eqx.field(static=True)
+    size: int = 3
+
+
+@pytest.mark.release
+def test_transformations_outside_of_programs_compile_by_options():
+    """Values, slopes and batches of a function of numbers, whole ones and objects, whose result is
+    a mixture; the same as of its closed form x^3 n."""
+
+    @Program
+    def mixed(x, n, *, power):
+        return _Mixed(x**power * n, n + 1, "cube", 3)
+
+    def cube(x):
+        found = mixed(x, jnp.asarray(2), power=3)
+        assert (found.name, found.size, found.count.dtype) == ("cube", 3, jnp.asarray(2).dtype)
+        return found.value
+
+    def twice(x):  # with a whole number that JAX transforms, too
+        return mixed(x, jax.lax.stop_gradient(x).astype(int), power=3).value
+
+    x, xs = jnp.asarray(3.0), jnp.asarray([1.0, 3.0])
+    for found, value in (
+        (jax.grad(cube)(x), 54.0),
+        (jax.value_and_grad(cube)(x), (54.0, 54.0)),
+        (jax.grad(twice)(x), 81.0),
+        (jax.jvp(cube, (x,), (x,)), (54.0, 162.0)),
+        (jax.linearize(cube, x)[1](x), 162.0),
+        (jax.jit(jax.linearize(cube, x)[1])(x), 162.0),
+        (jax.vjp(cube, x)[1](x)[0], 162.0),
+        (jax.vmap(cube)(xs), [2.0, 54.0]),
+        (jax.vmap(jax.grad(cube))(xs), [6.0, 54.0]),
+        (jax.grad(lambda xs: jnp.sum(jax.vmap(cube)(xs)))(xs), [6.0, 54.0]),
+        (jax.jacrev(jax.vmap(cube))(xs), [[6.0, 0.0], [0.0, 54.0]]),
+        (jax.hessian(cube)(x), 36.0),
+        (jax.jacrev(jax.jacfwd(cube))(x), 36.0),
+        (jax.grad(jax.grad(cube))(x), 36.0),
+        (jax.jit(jax.grad(cube))(x), 54.0),
+        (jax.grad(jax.jit(cube))(x), 54.0),
+        (jax.grad(jax.checkpoint(cube))(x), 54.0),
+    ):
+        np.testing.assert_array_equal(found, value)
+
+    # A function among the arguments may close over what is differentiated.
+    applied = Program(lambda x, function: function(x))
+    for closed in (lambda x: applied(x, lambda y: x * y), lambda x: applied(3.0, lambda y: x * y)):
+        slope = 2 * float(x) if float(closed(x + 1)) == 16.0 else 3.0
+        assert float(jax.grad(closed)(x)) == slope
+        assert float(jax.jvp(closed, (x,), (x,))[1]) == 3.0 * slope
+        np.testing.assert_array_equal(jax.vmap(jax.grad(closed))(x[None]), [slope])
+
+    fresh = Program(lambda x: x**2)
+    taken = []
+    for _ in range(CALLS + 1):
+        jax.grad(fresh)(x)
+        taken.append("_linear" in vars(fresh.well))
+    assert "_linear" in vars(fresh.quick)
+    assert taken == [False] * CALLS + [True]
+
+
 @pytest.mark.slow
 def test_a_long_run_is_compiled_well(monkeypatch):
     """A run that takes more steps than it is worth to save the compiler is made anew, and is the
