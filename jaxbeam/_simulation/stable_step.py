@@ -14,6 +14,7 @@ from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.door import checked_case
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import lowest
+from jaxbeam._numerics.brackets import halved
 from jaxbeam._programs.program import Program
 from jaxbeam._results import InHertz, finish, harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor
@@ -185,14 +186,9 @@ def _limit(solver: diffrax.AbstractSolver, rate: Scalar) -> Scalar:
         factor, done = _factor(solver, angle, jnp.zeros_like(angle))
         return ~(done & (jnp.log(factor) <= rate))  # NaN counts as unstable
 
-    def narrow(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
-        angles, limited = state
-        unstable = jax.vmap(grows)(angles)
-        first = jnp.argmax(unstable)
-        below = jnp.where(first > 0, angles[first - 1], 0.0)
-        shares = np.arange(1, _ANGLES.size + 1) / _ANGLES.size
-        return below + (angles[first] - below) * shares, limited & jnp.any(unstable)
-
-    start = jnp.asarray(_ANGLES, rate.dtype), jnp.asarray(True)
-    angles, limited = jax.lax.fori_loop(0, 4, narrow, start)  # to 1e-12
-    return jnp.where(limited, angles[-1], jnp.inf)
+    angles = jnp.asarray(_ANGLES, rate.dtype)
+    unstable = jax.vmap(grows)(angles)
+    first = jnp.argmax(unstable)
+    stable = jnp.where(first > 0, angles[first - 1], 0.0)
+    _, angle = halved(lambda angle: ~grows(angle), stable, angles[first], 44)  # to rounding
+    return jnp.where(jnp.any(unstable), angle, jnp.inf)
