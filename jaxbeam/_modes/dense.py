@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -11,18 +10,16 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from jaxbeam._models.contract.labelling import assigned, participation, ranked, uncoupled
-from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._models.contract.linear_system import LinearSystem, Part
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted
 from jaxbeam._numerics.gyroscopic import gyroscopic_eigenpairs, lowest_by_skew
 from jaxbeam._numerics.linalg import planar_eigenpairs, positive_definite
-from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._programs.batches import one_by_one
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status, first_broken, first_failure
 
-_Directions = tuple[Direction, ...]
 _MORE = 2  # modes beyond those wanted that are found with them
 _CLEAR = 0.5  # share of the kinetic energy that one uncoupled mode has more of than all others
 _SPREAD = 300.0  # between the lowest frequency and the highest, of which the square costs digits
@@ -102,36 +99,6 @@ def _chosen(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     return chosen
 
 
-class _Parts(NamedTuple):
-    """A coupling group as parts: its coordinates `rows`, direction by direction, and its
-    matrices."""
-
-    rows: np.ndarray
-    directions: list[Direction]
-    sizes: list[int]
-    m: Array
-    by_rates: Array
-    k: Array
-    taken_along: Array | None
-
-    @classmethod
-    def of(cls, system: LinearSystem, transverse: _Directions, axial: _Directions) -> "_Parts":
-        every = dict.fromkeys(transverse + axial)
-        directions = [direction for direction in every if system.where(direction).size]
-        rows = system.where(*directions)
-        own = np.ix_(rows, rows)
-        m, c, k = (a[own] for a in (system.mass, system.by_rates, system.stiffness))
-        sizes = [system.where(direction).size for direction in directions]
-        along = None if system.taken_along is None else system.taken_along[own]
-        return cls(rows, directions, sizes, m, c, k, along)
-
-    def uncoupled(self, k: Array, free: int, bent: bool) -> Array:
-        """M v of the uncoupled modes, with this stiffness."""
-        return uncoupled(
-            self.m, k, self.directions, self.sizes, free, bent, taken_along=self.taken_along
-        )
-
-
 def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     """The lowest modes of a conservative system of one group: alone, where it is stable and each
     bears a label for certain, else out of all.
@@ -139,10 +106,11 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     One does if more than half of its kinetic energy is in an uncoupled mode of which less than half
     is in modes that were not found.
     """
-    parts, count = _Parts.of(system, *system.coupling[0]), wanted.count
-    m, c, k = parts[3:6]
+    transverse, axial = system.coupling[0]
+    part, count = system.part(*transverse, *axial), wanted.count
+    m, c, k = part.mass, part.by_rates, part.stiffness
     lam, x, moving, stable = lowest_by_skew(m, c, k, count + _MORE)
-    heavy = parts.uncoupled(symmetric_part(k), free, bent=True)
+    heavy = uncoupled(part, free, bent=True)
     share = participation(x, heavy)
     label = jnp.argmax(share, 1)
     # Of a velocity modes have 2 kinetic / whole energy |x^H M v|^2, which all together are one.
@@ -162,11 +130,11 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     lam, x, label = jax.lax.cond(
         certain, lambda: (lam[:count], x[:count], label[:count]), all_of_them
     )
-    finite, label = jnp.all(jnp.isfinite(lam)), ranked(label, parts.sizes)
-    x = _apart(m, x, coupling(m, c, k, parts.sizes)[label])
-    direction_of, number_of = _labels(system.directions, parts.rows)
+    finite, label = jnp.all(jnp.isfinite(lam)), ranked(label, part.sizes)
+    x = _apart(m, x, coupling(part)[label])
+    direction_of, number_of = _labels(system.directions, part.rows)
     return _Chosen(
-        lam, x[:, np.argsort(parts.rows)], direction_of[label], number_of[label],
+        lam, x[:, np.argsort(part.rows)], direction_of[label], number_of[label],
         jnp.ones((), bool), finite, _rounding(m, c, k, lam, x, free),
     )  # fmt: skip
 
@@ -176,7 +144,7 @@ def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     groups = [
         _group(system, transverse, axial, free)
         for transverse, axial in system.coupling
-        if system.where(*dict.fromkeys(transverse + axial)).size
+        if system.where(*transverse, *axial).size
     ]
     rows = np.concatenate([group.rows for group in groups])
     direction_of, number_of = _labels(system.directions, rows)
@@ -233,8 +201,8 @@ def _group(
     free: int,
 ) -> _Group:
     """All modes of directions that are coupled, or of one alone."""
-    parts = _Parts.of(system, transverse, axial)
-    rows, _, sizes, m, g, k, _ = parts
+    part = system.part(*transverse, *axial)
+    rows, _, sizes, m, g, k, _ = part
     if system.general:
         eigenvalue, shape = quadratic_eigenpairs(m, g, k, system.conservative, free)
         positive = jnp.ones((), int)  # no matter: what grows is found as all else is
@@ -244,18 +212,17 @@ def _group(
         nt = system.where(*transverse).size
         eigenvalue, shape, positive = planar_eigenpairs(m, g, k, nt, free)
         if Direction.FLAP in axial:  # of a coned beam: it may be stable though flap alone is not
-            axially = system.where(Direction.AXIAL)
-            own = system.stiffness[np.ix_(axially, axially)]
-            positive = positive_definite(own).astype(int) if axially.size else jnp.ones((), int)
+            rod, positive = system.part(Direction.AXIAL), jnp.ones((), int)
+            if rod.sizes:
+                positive = positive_definite(rod.stiffness).astype(int)
     label = jnp.arange(rows.size)
     if len(sizes) > 1:  # in one direction alone the rank is the number
-        own = symmetric_part(k) if system.general else k
         # What moves in quadrature to bending alone does not follow it.
         bent = system.general or transverse == axial or Direction.FLAP in axial
-        label = assigned(participation(shape, parts.uncoupled(own, free, bent)))
+        label = assigned(participation(shape, uncoupled(part, free, bent)))
     if system.general:
         label = ranked(label, sizes)
-        shape = _apart(m, shape, coupling(m, g, k, sizes)[label])
+        shape = _apart(m, shape, coupling(part)[label])
     rounding = _rounding(m, g, k, eigenvalue, shape, free)
     return _Group(rows, eigenvalue, shape, label, positive == 1, rounding)
 
@@ -284,18 +251,15 @@ def _rounding(m: Array, g: Array, k: Array, eigenvalue: Array, x: Array, free: i
 
 def coupled_with(system: LinearSystem, direction: Array) -> Bool[Array, "k n"]:
     """The coordinates that are coupled with modes of these directions."""
-    rows = system.where(*Direction)
-    sizes = [size for f in Direction if (size := system.where(f).size)]
-    own = np.ix_(rows, rows)
-    m, c, k = system.mass[own], system.by_rates[own], system.stiffness[own]
-    linked = coupling(m, c, k, sizes)[:, np.argsort(rows)]
-    first = [np.argmax(np.array(system.directions)[rows] == f) for f in Direction]
+    part = system.part(*Direction)
+    linked = coupling(part)[:, np.argsort(part.rows)]
+    first = [np.argmax(np.array(system.directions)[part.rows] == f) for f in Direction]
     return linked[jnp.array(first)[direction]]
 
 
-def coupling(m: Array, c: Array, k: Array, sizes: Sequence[int]) -> Bool[Array, "n n"]:
-    """Whether each two coordinates are coupled: their directions, of these sizes, stand one behind
-    the other, are coupled, be it by way of others."""
+def coupling(part: Part) -> Bool[Array, "n n"]:
+    """Whether the directions of each two coordinates are coupled, be it by way of others."""
+    m, c, k, sizes = part.mass, part.by_rates, part.stiffness, part.sizes
     eps = 1e4 * jnp.finfo(m.dtype).eps
     direction = np.repeat(np.arange(len(sizes)), sizes)
     of_each = jnp.asarray(direction[None] == np.arange(len(sizes))[:, None], m.dtype)
