@@ -24,9 +24,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._models.contract.damping_data import Drag
+from jaxbeam._models.contract.damping_data import Drag, viscous
 from jaxbeam._models.contract.equations import Equations
-from jaxbeam._models.contract.strained import viscous
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import Hub, cross, skew
 from jaxbeam._rotor.spring_rotor import SpringRotor

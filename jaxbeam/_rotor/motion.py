@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import is_there, kind_of, real_array, traceable
-from jaxbeam._programs.lanes import append_axes, compute_once, matmul, matvec
+from jaxbeam._programs.lanes import append_axes, matmul, matvec
 from jaxbeam._rotor.clock import Clock
 from jaxbeam._types import Number, Scalar, Triple, is_concrete
 
@@ -187,35 +187,29 @@ def skew(a: Triple) -> Float[Array, "3 3 *#lanes"]:
     return matvec(table, a).reshape(3, 3, *a.shape[1:])
 
 
-def axes(t: Triple, angle: Number) -> Float[Array, "3 3 *lanes"]:
-    """Rows: a unit vector t, and the axes of a section that is turned about it by an angle from
-    where the least rotation, of a1 to t, brings a2 and a3, which exists unless t is -a1."""
+def axes(t: Triple) -> Float[Array, "3 3 *lanes"]:
+    """Rows: a unit vector t, and what the least rotation of a1 to t makes of a2 and a3: it exists
+    unless t is -a1."""
     x, y, z = t
     # 1 / (1 + x), in the second form without cancellation.
     ahead = x > 0
     share = jnp.where(ahead, 1.0, 1 - x) / jnp.where(ahead, 1 + x, y * y + z * z)
     second = jnp.stack([-y, 1 - y * y * share, -y * z * share])
     third = jnp.stack([-z, -y * z * share, 1 - z * z * share])
-    cos, sin = (a[None] for a in compute_once((jnp.cos(angle), jnp.sin(angle))))
-    return jnp.stack([t, cos * second + sin * third, cos * third - sin * second])
+    return jnp.stack([t, second, third])
 
 
-def rotation_vector(t: Triple, angle: Number) -> Triple:
-    """The rotation that brings a1 to a unit vector t, and a2 and a3 to where `axes` has them: its
-    axis times its angle, in rad."""
+def rotation_vector(t: Triple) -> Triple:
+    """The least rotation that brings a1 to a unit vector t: its axis times its angle, in rad."""
     x, y, z = t
-    whole = jnp.sqrt(2 * jnp.maximum(1 + x, jnp.finfo(t.dtype).tiny))
-    least = (
-        jnp.stack([jnp.zeros_like(x), -z, y]) / whole[None]
-    )  # sin(half) times its axis, across t
-    cos, sin = jnp.cos(angle / 2), jnp.sin(angle / 2)
-    real = cos * whole / 2
-    way = cos[None] * least + sin[None] * ((whole / 2)[None] * t + cross(t, least))
-    square = jnp.sum(way * way, 0)
+    real = jnp.sqrt(jnp.maximum(1 + x, jnp.finfo(t.dtype).tiny) / 2)  # cosine of half the angle
+    # And its sine times the axis, across t.
+    least = jnp.stack([jnp.zeros_like(x), -z, y]) / (2 * real)[None]
+    square = jnp.sum(least * least, 0)
     small = square < 1e-8
     size = jnp.sqrt(jnp.where(small, 1.0, square))
     near = (2 - square / 3 * (2 / real**2)) / real  # 2 atan(s / w) / s, to s^2
-    return jnp.where(small, near, 2 * jnp.arctan2(size, real) / size)[None] * way
+    return jnp.where(small, near, 2 * jnp.arctan2(size, real) / size)[None] * least
 
 
 def hub_matrices(hub: Hub) -> tuple[Float[Array, "3 3 *#lanes"], Float[Array, "3 3 *#lanes"]]:

@@ -35,7 +35,7 @@ class Elasticity(eqx.Module):
     @abc.abstractmethod
     def viscous(self, q: Vector, v: Vector) -> Vector:
         """The viscous force, of stresses that are the stiffness times the rates of strain: see
-        `strained.py`."""
+        `damping_data.py`."""
 
     @abc.abstractmethod
     def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Matrix, Matrix]:

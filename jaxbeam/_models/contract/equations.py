@@ -155,7 +155,7 @@ class Equations(eqx.Module):
     @abc.abstractmethod
     def viscous_force(self, q: Vector, v: Vector) -> Vector:
         """B^T D B q', B = d strain/dq and D the stiffness of strains: what stresses do that are the
-        stiffness times the rates of strain. See `strained.py`."""
+        stiffness times the rates of strain. See `damping_data.py`."""
 
     @abc.abstractmethod
     def strain_energy(self, q: Vector) -> Number:
@@ -264,14 +264,14 @@ class Equations(eqx.Module):
     def section_axes(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3 3"]:
         """Rows: the tangent and the axes of `curvature`, in hub axes, of sections at x = xi L."""
         r = self.direction(q, xi).T
-        return jnp.moveaxis(axes(r / jnp.linalg.norm(r, axis=0)[None], self.torsion(q, xi)), 2, 0)
+        return jnp.moveaxis(axes(r / jnp.linalg.norm(r, axis=0)[None]), 2, 0)
 
     def rotation(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
         """Rotation of sections at x = xi L from where they are in the undeformed beam, as the axis
         times the angle in rad: along the beam, about a3 and about -a2, these leaned with it."""
         beam = self.section_axes(jnp.zeros_like(q), np.zeros(1))[0]
         along = beam @ self.section_axes(q, xi)[:, 0].T
-        about, lowering, lag = rotation_vector(along, self.torsion(q, xi))
+        about, lowering, lag = rotation_vector(along)
         return jnp.stack([about, lag, -lowering], 1)
 
     def tip_energy(self, body: Tip, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
