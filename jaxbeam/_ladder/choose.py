@@ -12,7 +12,6 @@ import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -36,7 +35,7 @@ from jaxbeam._ladder.rungs import (
     scout_of,
 )
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._results import finish
+from jaxbeam._results import finish, replaced
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.checked import checked_rotor
 from jaxbeam._rotor.directions import Direction
@@ -119,9 +118,8 @@ def _chosen(ask: "_Asker", tolerance: float, own: Sequence[AbstractModel]) -> Ch
     if given.blames_input and given != Status.OUT_OF_PLANE:  # others may have flap
         return _none(given, seen, beforehand, tolerance, ())
     if planar:
-        beforehand = eqx.tree_at(
-            lambda k: k.timoshenko_reduction, beforehand, beforehand.timoshenko_reduction[:1]
-        )
+        in_plane = beforehand.timoshenko_reduction[:1]
+        beforehand = replaced(beforehand, timoshenko_reduction=in_plane)
     if linear and 0.3 * beforehand.size**2 <= tolerance:  # what linear theory leaves out as a rule
         cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
         ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, beforehand, tolerance)][:1])
@@ -172,7 +170,7 @@ def _scouted(
     ask.compiler.await_it(Indicators)
     beforehand = jax.device_get(indicators(question, rotor))
     if given == Status.OK:
-        beforehand = eqx.tree_at(lambda k: (k.size, k.slope), beforehand, (seen.size, seen.slope))
+        beforehand = replaced(beforehand, size=seen.size, slope=seen.slope)
     ask.size = float(np.clip(beforehand.size, 1e-9, 1.0)) if given == Status.OK else LARGE
     return seen, beforehand
 

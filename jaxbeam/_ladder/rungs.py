@@ -25,6 +25,7 @@ from jaxbeam._models.contract.supports import check_supported, missing, unsuppor
 from jaxbeam._models.modal.theories import Classical, Hybrid, VonKarman
 from jaxbeam._models.space.rod import SpatialRod
 from jaxbeam._programs.program import Program
+from jaxbeam._results import replaced
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
 from jaxbeam._rotor.checked import checked_rotor
@@ -176,8 +177,7 @@ class Indicators(eqx.Module):
 def indicators(question: Question, rotor: Rotor) -> Indicators:
     """Indicators without size and slope, which are infinite until a linear theory has said them."""
     # Of a beam in a cone as if it lay in the plane, where the tension is no less.
-    rotor = straightened(rotor)
-    rotor = eqx.tree_at(lambda r: r.precone, rotor, None, is_leaf=lambda x: x is None)
+    rotor = replaced(straightened(rotor), precone=None)
     speed = question.speed()
     omega, shape = bending_at_rest(rotor)
     unknown = jnp.full_like(speed, jnp.inf)

@@ -197,10 +197,9 @@ def _swept(
     linear = linear if 0.03 * nonlinearity.min() <= tolerance else []  # a tenth of its error
     pool.begin(*linear[:2])
     sample = _representatives(pool, cases, nonlinearity, np.flatnonzero(fine), representatives)
-    these = cases[sample]
-    rich, truth = _calibrated(pool, elements, these, tolerance, share)
-    errs = truth, rich.theory, these, nonlinearity[sample], tolerance, share
-    poor = [_linear(pool, linear, *errs)] if linear else []
+    rich, truth = _calibrated(pool, elements, cases[sample], tolerance, share)
+    these = truth, rich.theory, cases[sample], nonlinearity[sample], tolerance, share
+    poor = [_linear(pool, linear, *these)] if linear else []
     estimate, status = out["estimate"], out["status"]
     for chain in (*poor, rich):
         left_out = chain.left_out(nonlinearity)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from jaxbeam._models.contract.labelling import assigned, participation, ranked, uncoupled
-from jaxbeam._models.contract.linear_system import LinearSystem, Part
+from jaxbeam._models.contract.linear_system import LinearSystem, SystemPart
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted
 from jaxbeam._numerics.gyroscopic import gyroscopic_eigenpairs, lowest_by_skew
@@ -257,7 +257,7 @@ def coupled_with(system: LinearSystem, direction: Array) -> Bool[Array, "k n"]:
     return linked[jnp.array(first)[direction]]
 
 
-def coupling(part: Part) -> Bool[Array, "n n"]:
+def coupling(part: SystemPart) -> Bool[Array, "n n"]:
     """Whether the directions of each two coordinates are coupled, be it by way of others."""
     m, c, k, sizes = part.mass, part.by_rates, part.stiffness, part.sizes
     eps = 1e4 * jnp.finfo(m.dtype).eps

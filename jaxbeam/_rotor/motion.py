@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import is_there, kind_of, real_array, traceable
+from jaxbeam._checks import check_all, is_there, kind_of, number_list, traceable
 from jaxbeam._programs.lanes import append_axes, matmul, matvec
 from jaxbeam._rotor.clock import Clock
 from jaxbeam._types import Number, Scalar, Triple, is_concrete
@@ -225,11 +225,8 @@ def no_times() -> Times:
 
 def time_list(name: str, given: Any) -> Times:
     """`given` as a list of finite real numbers, or the error that says which argument is wrong."""
-    values = real_array(name, given) if is_there(given) else no_times()
-    if values.ndim != 1:
-        raise ValueError(f"{name} must be a list of real numbers, got shape {values.shape}")
-    if is_concrete(values) and not np.isfinite(np.asarray(values)).all():
-        raise ValueError(f"{name} must be finite")
+    values = number_list(name, given) if is_there(given) else no_times()
+    check_all(f"{name} must be finite", values)
     return values
 
 

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._results import without_derivatives
+from jaxbeam._results import replaced, without_derivatives
 from jaxbeam._rotor.clock import place
 from jaxbeam._rotor.motion import Times
 from jaxbeam._types import Scalar
@@ -63,11 +63,8 @@ class Pauses(eqx.Module):
 
     def since(self, origin: Scalar) -> "Pauses":
         """Pauses by a clock that shows zero at time `origin`."""
-        pauses: Pauses = eqx.tree_at(
-            lambda s: (s.first, s.last, s.end), self,
-            (self.first - origin, self.last - origin, self.end - origin),
-        )  # fmt: skip
-        return pauses
+        first, last, end = (times - origin for times in (self.first, self.last, self.end))
+        return replaced(self, first=first, last=last, end=end)
 
     def ahead(self, t: Scalar) -> Scalar:
         """The next declared time after t, unless the run ends with it."""

@@ -9,18 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
+from jaxbeam._checks import check_all, count_functions, kind_of, positive, real_scalar
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.door import checked_case
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import lowest
 from jaxbeam._numerics.brackets import halved
 from jaxbeam._programs.program import Program
-from jaxbeam._results import InHertz, finish, harmless, nan_unless
+from jaxbeam._results import InHertz, finish, harmless, nan_unless, replaced
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Code, Matrix, Real, Scalar, is_concrete
+from jaxbeam._types import Code, Matrix, Real, Scalar
 
 # rad a step. Explicit methods of s stages end before s - 1; implicit ones that last are let go.
 _ANGLES = np.geomspace(1e-3, 1e3, 2000)
@@ -82,7 +82,7 @@ def _checked(solver: Any) -> diffrax.AbstractSolver:
     if isinstance(solver, diffrax.AbstractImplicitSolver):
         # Theirs may take its tolerances from a step-size controller, and there is none here.
         tight = diffrax.VeryChord(rtol=1e-12, atol=1e-12)
-        solver = eqx.tree_at(lambda s: s.root_finder, solver, tight)
+        solver = replaced(solver, root_finder=tight)
     return solver
 
 
@@ -162,8 +162,7 @@ def stable_step(
     solver = _checked(solver)
     count_functions("steps", steps, 1)
     growth = real_scalar("growth", growth)
-    if is_concrete(growth) and not 1 < growth < np.inf:
-        raise ValueError(f"growth must be finite and > 1, got {growth}")
+    check_all("growth must be finite and > 1", growth, lambda x: (x > 1) & (x < np.inf))
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     found = find(model, rotor, speed, lowest(model, len(model.directions)), judged=False)
     frequency = jnp.max(found.frequency)

@@ -31,7 +31,7 @@ from jaxbeam._numerics.brackets import Looks
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
-from jaxbeam._results import InHertz, finish, nan_unless, without_derivatives
+from jaxbeam._results import InHertz, finish, nan_unless, replaced, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.damping import NO_DAMPING
 from jaxbeam._rotor.directions import Direction, is_hinged, naming
@@ -153,7 +153,7 @@ def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads
     few = jnp.where(there, status_of_shape(model, rotor, place.x), Status.OK)
     status = first_failure(status, searched, few)
     exists = there & (status == Status.OK)
-    place = eqx.tree_at(lambda place: place.exists, place, exists)
+    place = replaced(place, exists=exists)
     factor, shape = answer(place, given, found, status)
     frequency, there = jnp.zeros_like(factor), status == Status.OK
     if isinstance(place, LostPlace):

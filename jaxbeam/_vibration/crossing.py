@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxbeam._checks import real_scalar
+from jaxbeam._checks import check_all, real_scalar
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.door import checked_case, fastest
 from jaxbeam._models.contract.loaded import Conditions, checked_conditions
@@ -22,7 +22,7 @@ from jaxbeam._rotor.damping import NO_DAMPING, Damping
 from jaxbeam._rotor.directions import Label
 from jaxbeam._rotor.loads import NO_LOADS, Loads
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Code, Real, Scalar, is_concrete
+from jaxbeam._types import Code, Real, Scalar
 
 # Of the frequency: less than that is no gap of a veering but rounding, as of rods that are stiff
 # axially beside their bending.
@@ -75,13 +75,9 @@ def crossing(
         raise ValueError(f"bracket must be two speeds, got {bracket!r}")
     ends = tuple(real_scalar("bracket", end) for end in bracket)
     ratio = real_scalar("harmonic", harmonic)
-    for name, value, least in (("harmonic", ratio, 0), *(("bracket", e, -np.inf) for e in ends)):
-        if is_concrete(value) and not (
-            np.isfinite(number := float(np.asarray(value))) and number > least
-        ):
-            raise ValueError(
-                f"{name} must be finite{' and > 0' if least == 0 else ''}, got {value}"
-            )
+    check_all("harmonic must be finite and > 0", ratio, lambda x: np.isfinite(x) & (x > 0))
+    for end in ends:
+        check_all("bracket must be finite", end)
     model, rotor, _ = checked_case(model, rotor, fastest(ends))
     conditions = checked_conditions(loads, damping, (model, rotor), ends, throw)
     speed, status = _crossing(model, rotor, choose(model, (label,)), conditions, ratio, *ends)

@@ -32,6 +32,7 @@ from jaxbeam._models.ancf.strained import Parts, Strained, gradient_of
 from jaxbeam._models.bases.basis import hermite
 from jaxbeam._programs.lanes import append_axes, sum_of_products, transposed
 from jaxbeam._programs.platforms import loops_are_dear
+from jaxbeam._results import replaced
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.spanwise import Property, along
@@ -209,10 +210,7 @@ class PlanarEnds(Strained):
     def damped_by(self, dampers: tuple[Number | None, Number | None]) -> Self:
         """The ends with dampers in the place of springs, and nothing at the tip; their force is
         `viscous` of these ends."""
-        ends: Self = eqx.tree_at(
-            lambda s: (s.spring, s.hold), self, (dampers[0], None), is_leaf=lambda s: s is None
-        )
-        return ends
+        return replaced(self, spring=dampers[0], hold=None)
 
     @property
     def stiffness(self) -> list[Number]:

@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Inexact, Int
 
-from jaxbeam._models.contract.linear_system import Part
+from jaxbeam._models.contract.linear_system import SystemPart
 from jaxbeam._numerics.linalg import solve_columns, symmetric_modes
 from jaxbeam._numerics.loose import shift, symmetric_part
 from jaxbeam._rotor.directions import Direction
 
 
-def uncoupled(part: Part, free: int, bent: bool) -> Float[Array, "n n"]:
+def uncoupled(part: SystemPart, free: int, bent: bool) -> Float[Array, "n n"]:
     """M v of the uncoupled modes v of a part of a system, of unit modal mass, as columns.
 
     About states that are `bent` axial motion follows bending: a beam that may only move across

@@ -11,7 +11,7 @@ from jaxbeam._rotor.directions import APART, CouplingGroup, Direction
 from jaxbeam._types import Code, Matrix, Scalar
 
 
-class Part(NamedTuple):
+class SystemPart(NamedTuple):
     """Coordinates of some directions, direction by direction: which of all they are (`rows`), how
     many each direction has (`sizes`), and their matrices."""
 
@@ -71,11 +71,11 @@ class LinearSystem(eqx.Module):
         found = [np.flatnonzero([f == g for g in self.directions]) for f in directions]
         return np.concatenate(found) if found else np.zeros(0, int)
 
-    def part(self, *directions: Direction) -> Part:
+    def part(self, *directions: Direction) -> SystemPart:
         """The part of the system in some directions, those of them that it has."""
         there = [f for f in dict.fromkeys(directions) if f in self.directions]
         rows = self.where(*there)
         every = (self.mass, self.by_rates, self.stiffness, self.taken_along)
         own = np.ix_(rows, rows)
         matrices: list[Any] = [None if a is None else a[own] for a in every]
-        return Part(rows, there, [self.where(f).size for f in there], *matrices)
+        return SystemPart(rows, there, [self.where(f).size for f in there], *matrices)
