@@ -180,7 +180,7 @@ class Modes(InHertz, eqx.Module):
 
         Raises `ValueError` for a rotor with a pitch.
         """
-        if isinstance(self.rotor, Rotor) and self.rotor.pitch is not None:
+        if self.rotor is not None and self.rotor.pitch is not None:
             raise ValueError(
                 "rotor.pitch must be None for shapes of modes, since ElastoDyn turns the blade by "
                 "a pitch of its own: take the modes of the rotor without its pitch"

@@ -106,8 +106,6 @@ def is_hinged(rotor: AnyRotor) -> bool:
 
 def loose_motions(rotor: AnyRotor) -> int:
     """How many motions of the beam as a rigid body its root may leave to themselves."""
-    if not isinstance(rotor, Rotor):
-        return 0
     if rotor.root_support is not None:
         return sum(spring is not None for spring in rotor.root_support.springs)
     return 0 if rotor.root_springs is None else 2

@@ -15,21 +15,30 @@ from jaxbeam._status import Status
 STEPS = 4000
 
 
+def quick_first(
+    program: Program, short: tuple[Any, ...], given: tuple[Any, ...], is_whole: bool
+) -> Any:
+    """The result, which has a `status`, of a program by the arguments that are `given`: at first
+    one that is compiled quickly, by arguments that make a run `short`, if the whole run is not or
+    ends before; then one that is compiled well."""
+    if program.here(*short) is program.quick is not program.well:
+        result = program.quick(*short)
+        if is_whole or result.status != Status.MAX_STEPS:
+            return result
+        program.enough(*short)
+    return program.at_length(*given)
+
+
 def first_short(program: Program, max_steps: int | None, *given: Any) -> Simulation:
     """A run by a program that takes the arguments `given` and a number of steps: at first by one
-    that is compiled quickly, unless it is longer than that is worth, or would be seen to run
-    twice."""
+    that is compiled quickly, unless it would be seen to run twice."""
     solver, _, _, saveat, _, event, meter = given[7:14]
-    ours = isinstance(solver, SecondOrderSolver)
-    few = STEPS if max_steps is None else min(STEPS, max_steps)
-    seen = not (ours and saveat is None and event is None and meter is None)
     result: Simulation
-    if not seen and program.here(*given, few) is program.quick is not program.well:
-        result = program.quick(*given, few)
-        if few == max_steps or result.status != Status.MAX_STEPS:
-            stats = {**result.solution.stats, "max_steps": max_steps}
-            solution: diffrax.Solution = dataclasses.replace(result.solution, stats=stats)
-            return dataclasses.replace(result, solution=solution)
-        program.enough(*given, few)
-    result = program.at_length(*given, max_steps)
-    return result
+    if not isinstance(solver, SecondOrderSolver) or not (saveat is event is meter is None):
+        result = program.at_length(*given, max_steps)
+        return result
+    few = STEPS if max_steps is None else min(STEPS, max_steps)
+    result = quick_first(program, (*given, few), (*given, max_steps), few == max_steps)
+    solution: diffrax.Solution = result.solution
+    stats = {**solution.stats, "max_steps": max_steps}
+    return dataclasses.replace(result, solution=dataclasses.replace(solution, stats=stats))

@@ -222,10 +222,7 @@ class Scene(SecondOrderSystem):
         return self.equations.stage_kinematics(q, v, g)
 
     def force(self, x: Inputs, q: Vector, v: Vector) -> Vector:
-        hub, tip_force, span = x
-        out = self.equations.force(hub, q, v, tip_force)
-        if span is not None:
-            out = out + span.on(self.equations, q)
+        out = self.equations.force_under(x, q, v)
         return out - self.equations.as_force(q, self._damping(q, v))
 
     def _damping(self, q: Vector, v: Vector) -> Vector:
@@ -233,11 +230,7 @@ class Scene(SecondOrderSystem):
         return self.equations.damping(q, v, self.damping)
 
     def tangents(self, x: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
-        hub, tip_force, span = x
-        k, c = self.equations.tangents(hub, q, v, tip_force)
-        by_span = None if span is None else span.tangent(self.equations, q)
-        if by_span is not None:
-            k = k + by_span
+        k, c = self.equations.tangents_under(x, q, v)
         if not self.damping.is_none:
             dk, dc = self.equations.damping_tangents(q, v, self.damping)
             k, c = k + dk, c + dc

@@ -243,7 +243,7 @@ def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scala
     softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
     clamped = _softness(model, rotor, softness)
     yields = jnp.clip(softness / clamped, 1.0, _MOST_YIELDING)
-    if isinstance(rotor, Rotor) and rotor.tip_support is not None:
+    if rotor.tip_support is not None:
         softness = jnp.maximum(softness, clamped)  # the tip need not move where a beam buckles
     span = loads.span_moments(jnp.zeros_like(speed), equations.length)
     parts: Any = (
@@ -290,7 +290,7 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
     # What only pulls never makes a beam give way, if its elements, which follow a step of the
     # tension by functions without one, may be in compression beside it.
     pulls = only_pull(given[2], model.equations(given[0]).length)
-    if isinstance(given[0], Rotor) and given[0].tip_support is not None:
+    if given[0].tip_support is not None:
         pulls = jnp.asarray(False)  # its tip may be pushed against
     found = end.found & ~pulls
     factor = jnp.where(found, end.value, jnp.inf)
