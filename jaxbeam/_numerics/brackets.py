@@ -152,10 +152,8 @@ def _root_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Scal
         lambda numbers, value: function(eqx.combine(numbers, others), value), numbers, value
     )
     still = jax.tree.map(jnp.zeros_like, numbers)
-    rates = jax.tree.map(lambda t, z: z if t is None else t, tangents[1], still, is_leaf=_is_none)
+    rates = jax.tree.map(
+        lambda t, z: z if t is None else t, tangents[1], still, is_leaf=lambda t: t is None
+    )
     slope = change(still, jnp.ones_like(value))
     return value, -change(rates, jnp.zeros_like(value)) / slope
-
-
-def _is_none(x: Any) -> bool:
-    return x is None

@@ -85,8 +85,8 @@ class Strained(eqx.Module):
 
 
 class Parts(eqx.Module):
-    """An element whose properties have kinks inside: the sum of its
-    parts, each a rule that takes the coordinates of the whole element."""
+    """An element whose properties have kinks inside: the sum of its parts, each a rule that takes
+    the coordinates of the whole element."""
 
     each: Any  # an element, whose arrays have a first axis, of parts
 

@@ -1,6 +1,5 @@
 """Damping as the equations of one beam have it: ratios of modes and dampers as matrices."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -17,7 +16,7 @@ from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.damping import Damping
-from jaxbeam._rotor.directions import Direction, coupling_groups, loose_motions
+from jaxbeam._rotor.directions import coupling_groups, loose_motions
 from jaxbeam._types import Matrix, Vector
 
 
@@ -44,7 +43,10 @@ def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
     speed = damping.ratio_speed
     system = model.matrices(rotor, jnp.zeros(()) if speed is None else speed)
     out = jnp.zeros_like(system.mass)
-    for directions in _held_together(rotor):
+    # Together those directions that are coupled by stiffness or mass.
+    groups = coupling_groups(rotor)
+    every = [way for first, second in groups for way in (first, *((way,) for way in second))]
+    for directions in every:
         part = system.part(*directions)
         ratios = [damping.ratios.get(direction) for direction in part.directions]
         if all(ratio is None for ratio in ratios):
@@ -84,12 +86,6 @@ def _pairs_jvp(primals: Any, tangents: Any) -> tuple[tuple[Matrix, Vector], tupl
     mixing = (stiffer - square[:, None] * heavier) / jnp.where(same, 1.0, apart)
     mixing = jnp.where(same, 0.0, mixing) - jnp.diag(jnp.diag(heavier)) / 2
     return (phi, square), (mixing @ phi, jnp.diag(stiffer) - square * jnp.diag(heavier))
-
-
-def _held_together(rotor: AnyRotor) -> Iterator[tuple[Direction, ...]]:
-    """Directions, those together that are coupled by stiffness or mass."""
-    for transverse, quadrature in coupling_groups(rotor):
-        yield from (transverse, *((direction,) for direction in quadrature))
 
 
 def _by_number(ratio: Array | None, size: int) -> Float[Array, " k"]:
