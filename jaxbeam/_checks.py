@@ -1,7 +1,7 @@
 """Arguments of public functions: numbers as arrays of real floats, or errors that name them."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -72,6 +72,33 @@ def real_array(name: str, value: Any) -> Array:
     lengths and masked numbers are not. What pandas calls NA is NaN.
     """
     return jnp.asarray(_real(name, value), _default_float())
+
+
+def known_array(name: str, value: Any) -> Array:
+    """`value` as `real_array` has it, known while a program is compiled if it is now."""
+    if not is_concrete(value):
+        return real_array(name, value)
+    with jax.ensure_compile_time_eval():
+        return real_array(name, value)
+
+
+def number_list(name: str, value: Any, least: int = 1) -> Array:
+    """`value` as a list of real floats, so many at least, or an error that names the argument."""
+    array = real_array(name, value)
+    if array.ndim != 1 or array.size < least:
+        raise ValueError(
+            f"{name} must be a list of {least} or more numbers, got shape {array.shape}"
+        )
+    return array
+
+
+def shaped_array(name: str, value: Any, shape: tuple[int, ...], meaning: str = "") -> Array:
+    """`value` as `real_array` has it, if it has this shape; else an error that says what that
+    means."""
+    array = real_array(name, value)
+    if array.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}{meaning}, got {array.shape}")
+    return array
 
 
 def concrete_array(name: str, value: Any) -> np.ndarray:
@@ -150,24 +177,32 @@ def traceable(name: str) -> Iterator[None]:
 
 
 def is_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
-    """Whether numbers are finite and positive, with `zero` not negative, with None of any sign;
-    with `most` their magnitudes are at most that."""
-    fine = jnp.isfinite(value) if most is None else jnp.abs(value) <= most  # false for NaN
+    """Whether numbers are finite and positive, or `zero`; with None they may have any sign. With
+    `most` their magnitudes are no larger. Of numbers of NumPy by NumPy: under `jit` jax would trace
+    constants."""
+    of: Any = np if isinstance(value, np.ndarray) else jnp
+    fine = of.isfinite(value) if most is None else of.abs(value) <= most  # NaN is not
     return fine if zero is None else fine & ((value >= 0) if zero else (value > 0))
 
 
-def is_concrete_valid(value: Any, zero: bool | None, most: float | None = None) -> Any:
-    """Whether a number that is concrete is in range, by NumPy: under `jit` jax would trace
-    constants."""
-    number = np.asarray(value)
-    fine = np.isfinite(number) if most is None else np.abs(number) <= most
-    return fine if zero is None else fine & ((number >= 0) if zero else (number > 0))
+def check_all(
+    rule: str | Status, values: Any, holds: Callable[[np.ndarray], Any] = np.isfinite
+) -> None:
+    """Raise `ValueError` with a rule, or that of a status, and what breaks it, unless it holds for
+    all of some numbers, where these are known."""
+    if not is_concrete(values):
+        return
+    numbers = np.asarray(values)
+    fine = np.asarray(holds(numbers))
+    if not fine.all():
+        told = rule.message if isinstance(rule, Status) else rule
+        wrong = numbers[~fine] if fine.shape == numbers.shape else numbers
+        raise ValueError(f"{told}, got {wrong.item() if wrong.size == 1 else wrong}")
 
 
-def require(status: Status, ok: bool, value: Any) -> None:
-    """Raise `ValueError` with the sentence of `status` unless `ok`."""
-    if not ok:
-        raise ValueError(f"{status.message}, got {value}")
+def increase(values: np.ndarray) -> np.ndarray:
+    """Whether numbers in a list are finite and each is more than that before."""
+    return np.isfinite(values).all() & (np.diff(values) > 0)
 
 
 def positive(name: str, value: Any) -> Scalar:
@@ -176,7 +211,7 @@ def positive(name: str, value: Any) -> Scalar:
         # NaN of a number that is not positive reaches all results, and with them the status; signs
         # could cancel.
         return jnp.where(is_valid(value, False), value, jnp.nan)
-    if not is_concrete_valid(value, False):
+    if not is_valid(np.asarray(value), False):
         raise ValueError(f"{name} must be finite and > 0, got {value}")
     return value
 
@@ -184,8 +219,7 @@ def positive(name: str, value: Any) -> Scalar:
 def checked_speed(angular_speed: Any) -> Scalar:
     """The angular speed as a finite real scalar, or an error that names it."""
     speed = real_scalar("angular_speed", angular_speed)
-    if is_concrete(speed):
-        require(Status.INVALID_ANGULAR_SPEED, bool(np.isfinite(np.asarray(speed))), speed)
+    check_all(Status.INVALID_ANGULAR_SPEED, speed)
     return speed
 
 

@@ -64,13 +64,18 @@ def found_alone(tree: Any) -> Any:
 
     def alone(node: Any) -> Any:
         names = needs(node)
-        without = len(names) * [None]
-        return eqx.tree_at(
-            lambda found: [getattr(found, name) for name in names], node, without,
-            is_leaf=lambda leaf: leaf is None,
-        ) if names else node  # fmt: skip
+        return replaced(node, **dict.fromkeys(names)) if names else node
 
     return jax.tree.map(alone, tree, is_leaf=lambda node: bool(needs(node)))
+
+
+def replaced(module: Tree, **fields: Any) -> Tree:
+    """A copy of a module with other values in some of its fields, without its checks."""
+    changed: Tree = eqx.tree_at(
+        lambda module: [getattr(module, name) for name in fields], module, [*fields.values()],
+        is_leaf=lambda leaf: leaf is None,
+    )  # fmt: skip
+    return changed
 
 
 def per_case(method: Method) -> Method:

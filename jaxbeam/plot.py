@@ -308,8 +308,10 @@ def _ribbons(run: Simulation, points: int = 41) -> tuple[np.ndarray, np.ndarray]
     angles = np.asarray(run.torsion(xi))[there]
     if (angle := section_angle(rotor, lambda angles: spanwise.along(angles, xi))) is not None:
         angles = angles + np.asarray(angle)
-    across = section_axes(jnp.asarray(np.moveaxis(t, 2, 0)), jnp.asarray(angles))[1]
-    wide = 0.04 * length * np.moveaxis(np.asarray(across), 0, 2) @ axes
+    turned = section_axes(jnp.asarray(np.moveaxis(t, 2, 0)))
+    _, second, third = np.moveaxis(np.asarray(turned), 1, 3)
+    across = np.cos(angles)[..., None] * second + np.sin(angles)[..., None] * third
+    wide = 0.04 * length * across @ axes
     return np.asarray(run.times)[there], np.stack([middle - wide, middle, middle + wide], 1)
 
 

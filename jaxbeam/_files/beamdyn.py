@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxbeam._files.formats import BladeFormat, refuse_other
-from jaxbeam._files.nrel import NamedValues, count_of, named, number, require, table_rows
+from jaxbeam._files.nrel import NamedValues, beside, count_of, named, number, require, table_rows
 from jaxbeam._files.section_axes import (
     BEAMDYN,
     Axis,
@@ -15,12 +15,14 @@ from jaxbeam._files.section_axes import (
     blade_table,
     checked_sections,
     increasing,
+    next_row,
     no_axis,
     seen_from,
     shares,
+    six_rows,
     straight,
 )
-from jaxbeam._files.tables import FEATHER, BladeTable, Row
+from jaxbeam._files.tables import FEATHER, BladeTable
 from jaxbeam._files.texts import FilePath, entries, is_number, mistake, number_in, read_lines
 from jaxbeam._types import Real
 
@@ -63,14 +65,7 @@ def read_beamdyn(path: FilePath, *, length: Real | None = None) -> BladeTable:
             raise ValueError(f"{path}: a primary file says the axis, so no length must be given")
         require(path, said, ("member_total", "kp_total", "bldfile"))
         axis = _axis(path, lines, said)
-        name = said["bldfile"][0]
-        path = path.parent / name.text.replace("\\", "/")
-        try:
-            lines = read_lines(path)
-        except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            what = f"the blade file {path} cannot be read: {why}"
-            raise mistake(path.parent / name.text, name.line, name.name, what) from error
+        path, lines = beside(path, said["bldfile"][0], "blade")
         said = named(lines, 0, None)
     elif "station_total" in said:
         if length is None:
@@ -124,18 +119,11 @@ def _sections(path: Path, lines: Sequence[str], said: NamedValues, axis: Axis) -
         raise ValueError(f"{path}: no line has DISTRIBUTED PROPERTIES, behind which stations are")
     at, stations, starts, matrices = start + 1, list[float](), list[int](), list[np.ndarray]()
     for station in range(1, count + 1):
-        row, at = _next(path, lines, at, 1, f"station {station} of {count}")
+        row, at = next_row(path, lines, at, 1, f"station {station} of {count}")
         starts.append(row[0])
         stations.append(number_in(path, row[0], "station", row[1][0]))
         for name in "KM":
-            matrix = np.zeros((6, 6))
-            for i in range(6):
-                where = f"station {station} of {count}, row {i + 1} of {name}"
-                (line, cells), at = _next(path, lines, at, 6, where)
-                matrix[i] = [
-                    number_in(path, line, f"{name}{i + 1}{j}", text)
-                    for j, text in enumerate(cells, 1)
-                ]
+            matrix, at = six_rows(path, lines, at, name, f"station {station} of {count}, ")
             matrices.append(matrix)
     if abs(stations[-1] - 1) > _END:
         what = f"stations must end at 1, the tip, got {stations[-1]:g}"
@@ -148,18 +136,6 @@ def _sections(path: Path, lines: Sequence[str], said: NamedValues, axis: Axis) -
         axis, places, seen_from(BEAMDYN, stiffness), seen_from(BEAMDYN, inertia),
         _MODAL if number(path, said, "damp_type", True) == 2 else (), _damping(path, lines, said),
     )  # fmt: skip
-
-
-def _next(path: Path, lines: Sequence[str], at: int, width: int, what: str) -> tuple[Row, int]:
-    """The next line that is not empty, as `width` numbers, and the index of the line after it."""
-    while at < len(lines) and not lines[at].strip():
-        at += 1
-    cells = entries(lines[at]) if at < len(lines) else []
-    if len(cells) < width or (len(cells) > width and is_number(cells[width])):
-        got = f"{len(cells)} entries" if cells else "the end of the file"
-        need = f"{width} numbers are" if width > 1 else "a number is"
-        raise mistake(path, min(at + 1, len(lines)), None, f"{what}: {need} needed, got {got}")
-    return (at + 1, cells[:width]), at + 1
 
 
 def _damping(path: Path, lines: Sequence[str], said: NamedValues) -> tuple[float, ...] | None:

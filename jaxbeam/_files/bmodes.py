@@ -11,6 +11,7 @@ from jaxbeam._files.nrel import (
     Head,
     NamedValues,
     Value,
+    beside,
     blade_of,
     count_of,
     ignoring_too,
@@ -99,7 +100,7 @@ def read_bmodes(
         if wrong:
             line, title, text = said[name][0]
             raise mistake(path, line, title, f"{wrong}, got {text}")
-    sections, rows = _beside(path, said["sec_props_file"][0])
+    sections, rows = beside(path, said["sec_props_file"][0], "section")
     table = _sections(sections, rows, radius - hub, axial_stiffness, factors)
     left = [values[0] for name, values in said.items() if name in REASONS]
     return ignoring_too(table, left)._replace(
@@ -185,17 +186,6 @@ def _expected(name: str, number: int, line: str) -> Value | None:
     else:
         fits = is_number(text) != (name == "sec_props_file") and bool(text)
     return Value(number, name, text) if fits else None
-
-
-def _beside(path: Path, value: Value) -> tuple[Path, list[str]]:
-    """The path of the section file that a main file names, and its lines."""
-    sections = path.parent / value.text.replace("\\", "/")
-    try:
-        return sections, read_lines(sections)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        what = f"the section file {sections} cannot be read: {why}"
-        raise mistake(path, value.line, value.name, what) from error
 
 
 def _sections(

@@ -16,7 +16,7 @@ from jaxbeam._files.tables import (
     ignoring,
     unit_in,
 )
-from jaxbeam._files.texts import entries, is_number, mistake, number_in
+from jaxbeam._files.texts import entries, is_number, mistake, number_in, read_lines
 from jaxbeam._rotor.spanwise import AbstractSpanwise
 from jaxbeam._types import Real
 
@@ -80,6 +80,17 @@ def named(lines: Sequence[str], start: int, stop: int | None) -> NamedValues:
             value = Value(i, found[2], value_in(line))
             said.setdefault(found[2].lower(), []).append(value)
     return said
+
+
+def beside(path: Path, value: Value, kind: str) -> tuple[Path, list[str]]:
+    """The file of a kind that a value of another one names, and its lines."""
+    there = path.parent / value.text.replace("\\", "/")
+    try:
+        return there, read_lines(there)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        what = f"the {kind} file {there} cannot be read: {why}"
+        raise mistake(path, value.line, value.name, what) from error
 
 
 def require(path: Path, said: NamedValues, names: Sequence[str]) -> None:

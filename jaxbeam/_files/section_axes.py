@@ -11,12 +11,12 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxbeam._files.tables import BladeTable
-from jaxbeam._files.texts import mistake
+from jaxbeam._files.tables import BladeTable, Row
+from jaxbeam._files.texts import entries, is_number, mistake, number_in
 from jaxbeam._numerics.splines import spline_rows
 from jaxbeam._rotor.blade import Blade
 from jaxbeam._rotor.points import PointMasses
-from jaxbeam._rotor.sections import SIXES
+from jaxbeam._rotor.sections import SIXES, unsymmetric
 from jaxbeam._types import Real
 
 Sixes = Float[np.ndarray, "n 6 6"]
@@ -33,8 +33,6 @@ _EXACT, _BETTER = 1e-9, 2.5e-10
 _HALVINGS = 12
 _POOR = 1e-6  # error of an axis beyond which a warning follows
 _NODES = 10
-# Asymmetry, over the geometric mean of diagonal entries, that counts as rounding.
-_UNSYMMETRIC = 1e-6
 
 
 class Piece(NamedTuple):
@@ -217,6 +215,32 @@ def checked_sections(
     return stiffness, inertia
 
 
+def six_rows(
+    path: Path, lines: Sequence[str], at: int, name: str, where: str = ""
+) -> tuple[np.ndarray, int]:
+    """The matrix of six rows of numbers from a line on, and the place behind it."""
+    matrix = np.zeros((6, 6))
+    for i in range(1, 7):
+        (line, cells), at = next_row(path, lines, at, 6, f"{where}row {i} of {name}")
+        matrix[i - 1] = [
+            number_in(path, line, f"{name}{i}{j}", text) for j, text in enumerate(cells, 1)
+        ]
+    return matrix, at
+
+
+def next_row(path: Path, lines: Sequence[str], at: int, width: int, what: str) -> tuple[Row, int]:
+    """The next line that is neither empty nor a bar, with `width` numbers, and the place behind
+    it."""
+    while at < len(lines) and not lines[at].strip(" =\t"):
+        at += 1
+    cells = entries(lines[at]) if at < len(lines) else []
+    if len(cells) < width or (len(cells) > width and is_number(cells[width])):
+        got = f"{len(cells)} entries" if cells else "the end of the file"
+        need = f"{width} numbers are" if width > 1 else "a number is"
+        raise mistake(path, min(at + 1, len(lines)), None, f"{what}: {need} needed, got {got}")
+    return (at + 1, cells[:width]), at + 1
+
+
 def mistake_at(path: Path, line: int | str, what: str) -> ValueError:
     if isinstance(line, int):
         return mistake(path, line, None, what)
@@ -224,11 +248,8 @@ def mistake_at(path: Path, line: int | str, what: str) -> ValueError:
 
 
 def _symmetric(path: Path, name: str, matrices: Sixes, lines: Sequence[int | str]) -> Sixes:
-    own = np.sqrt(np.abs(np.einsum("nii->ni", matrices)))
-    size = own[:, :, None] * own[:, None]
-    apart = np.abs(matrices - matrices.swapaxes(1, 2))
-    if np.any(apart > _UNSYMMETRIC * size):
-        station, row, column = np.argwhere(apart > _UNSYMMETRIC * size)[0]
+    if (found := unsymmetric(matrices)) is not None:
+        station, row, column = found
         pair = matrices[station, row, column], matrices[station, column, row]
         where = lines[station]
         where = f"line {where}" if isinstance(where, int) else where

@@ -10,9 +10,9 @@ import numpy as np
 
 from jaxbeam._checks import real_scalar
 from jaxbeam._files.formats import BladeFormat, refuse_other
-from jaxbeam._files.section_axes import checked_sections, seen_from
+from jaxbeam._files.section_axes import checked_sections, seen_from, six_rows
 from jaxbeam._files.tables import BladeTable
-from jaxbeam._files.texts import FilePath, entries, is_number, mistake, number_in, read_lines
+from jaxbeam._files.texts import FilePath, read_lines
 from jaxbeam._rotor.blade import Blade
 
 _MASS = r"the\s+6\s*x\s*6\s+mass\s+matrix\s*$"
@@ -87,25 +87,8 @@ def _section(path: Path) -> tuple[np.ndarray, np.ndarray, list[str]]:
             f"{path}: there is no Timoshenko Stiffness Matrix, but {there}: let VABS make one, "
             "since shear is needed"
         )
-    own = [_matrix(path, lines, i, name) for i, name in ((stiffness, "K"), (mass, "M"))]
-    k, m = checked_sections(path, own[0][None], own[1][None], [stiffness + 1])
+    k, _ = six_rows(path, lines, stiffness + 1, "K")
+    m, _ = six_rows(path, lines, mass + 1, "M")
+    k, m = checked_sections(path, k[None], m[None], [stiffness + 1])
     left = ["Trapeze matrices are ignored."] if found[_TRAPEZE] is not None else []
     return k, m, left
-
-
-def _matrix(path: Path, lines: Sequence[str], start: int, name: str) -> np.ndarray:
-    """The six rows of numbers after a title, a bar and empty lines."""
-    matrix, at = np.zeros((6, 6)), start + 1
-    for row in range(1, 7):
-        while at < len(lines) and not lines[at].strip(" ="):
-            at += 1
-        cells = entries(lines[at]) if at < len(lines) else []
-        if len(cells) != 6 or not any(map(is_number, cells)):
-            got = f"{len(cells)} entries" if cells else "the end of the file"
-            what = f"row {row} of {name}: 6 numbers are needed, got {got}"
-            raise mistake(path, min(at + 1, len(lines)), None, what)
-        matrix[row - 1] = [
-            number_in(path, at + 1, f"{name}{row}{j}", text) for j, text in enumerate(cells, 1)
-        ]
-        at += 1
-    return matrix

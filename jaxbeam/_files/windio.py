@@ -1,5 +1,6 @@
 """Blades from turbines in windIO, versions 1 and 2."""
 
+import itertools
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -189,10 +190,7 @@ def _axis(path: Path, parts: Sequence[tuple[Any, KeyPath]], factor: float) -> Ax
         values if len(own) == len(grid) else spline_rows(own, grid)[0] @ values
         for own, values in tables.values()
     )
-    if np.any(np.diff(z) <= 0):
-        at = int(np.argmax(np.diff(z) <= 0))
-        what = f"must increase, got {z[at + 1]:g} after {z[at]:g}"
-        raise _wrong(path, (*line[1], "z"), what)
+    _check_increase(path, z, (*line[1], "z"))
     axis = axis_of([Piece(np.stack([x, y, z], 1) @ BEAMDYN.T, factor * angle)])
     off = np.max(np.abs(axis.given - grid))
     if off > _APART:
@@ -266,12 +264,15 @@ def _grid(path: Path, table: Any, keys: KeyPath) -> np.ndarray:
     if len(grid) < 2 or abs(grid[0]) > _SAME or abs(grid[-1] - 1) > _SAME:
         got = f"{grid[0]:g} to {grid[-1]:g}" if len(grid) else "nothing"
         raise _wrong(path, (*keys, "grid"), f"must go from 0 to 1, got {got}")
-    if np.any(np.diff(grid) <= 0):
-        at = int(np.argmax(np.diff(grid) <= 0))
-        what = f"must increase, got {grid[at + 1]:g} after {grid[at]:g}"
-        raise _wrong(path, (*keys, "grid"), what)
+    _check_increase(path, grid, (*keys, "grid"))
     grid[0], grid[-1] = 0.0, 1.0
     return grid
+
+
+def _check_increase(path: Path, values: np.ndarray, keys: KeyPath) -> None:
+    for before, here in itertools.pairwise(values):
+        if not here > before:
+            raise _wrong(path, keys, f"must increase, got {here:g} after {before:g}")
 
 
 def _table(path: Path, table: Any, keys: KeyPath) -> tuple[np.ndarray, np.ndarray]:

@@ -14,9 +14,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxbeam._checks import (
+    check_all,
     checked_speed,
     concrete_array,
     count_functions,
+    increase,
+    number_list,
     plain,
     real_array,
     real_scalar,
@@ -92,7 +95,7 @@ class FrequencyData(Experiment):
         model = self.model
         self.angular_speed = _increasing("angular_speed", angular_speed)
         self.measured, self.noise = _data(measured, noise, (self.angular_speed.size, None))
-        _all("measured frequencies must be > 0", self.measured, lambda x: ~(x <= 0))
+        check_all("measured frequencies must be > 0", self.measured, lambda x: ~(x <= 0))
         k, total = self.measured.shape[1], len(model.directions)
         which = (which,) if isinstance(which, Label) else plain(which)
         self.which = tuple(which) if isinstance(which, Sequence) else which
@@ -273,7 +276,7 @@ class ResonanceMargin(Experiment):
         self.model, self.rotor, _ = checked_case(model, rotor)
         model = self.model
         self.angular_speed = _increasing("angular_speed", angular_speed)
-        _all("angular_speed must be > 0", self.angular_speed, lambda x: x > 0)
+        check_all("angular_speed must be > 0", self.angular_speed, lambda x: x > 0)
         self.which = (which,) if isinstance(which, Label) else tuple(_list_of("which", which))
         listed = harmonics.tolist() if isinstance(harmonics, np.ndarray) else harmonics
         self.harmonics = tuple(map(plain, _list_of("harmonics", listed)))
@@ -281,7 +284,7 @@ class ResonanceMargin(Experiment):
         if not self.harmonics or any(type(k) is not int or k < 1 for k in self.harmonics):
             raise ValueError(f"harmonics must be integers >= 1, got {harmonics}")
         self.margin = real_scalar("margin", margin)
-        _all("margin must be in (0, 1)", self.margin, lambda x: (x > 0) & (x < 1))
+        check_all("margin must be in (0, 1)", self.margin, lambda x: (x > 0) & (x < 1))
         shape = (len(self.which), len(self.harmonics), self.angular_speed.size)
         self.measured, self.noise = _data(np.zeros(shape), slack, shape)
 
@@ -348,17 +351,10 @@ def _list_of(name: str, values: Any) -> Sequence[Any]:
     return values
 
 
-def _all(rule: str, values: Array, holds: Callable[[Any], Any]) -> None:
-    if is_concrete(values) and not holds(np.asarray(values)).all():
-        raise ValueError(f"{rule}, got {values}")
-
-
 def _increasing(name: str, values: Any) -> Array:
-    values = real_array(name, values)
-    if values.ndim != 1 or not values.size:
-        raise ValueError(f"{name} must be a list of numbers, got shape {values.shape}")
-    _all(f"{name} must be finite", values, np.isfinite)
-    _all(f"{name} must increase", values, lambda x: np.diff(x) > 0)
+    values = number_list(name, values)
+    check_all(f"{name} must be finite", values)
+    check_all(f"{name} must increase", values, increase)
     return values
 
 
@@ -371,17 +367,13 @@ def _data(measured: Any, noise: Any, shape: tuple[Any, ...]) -> tuple[Array, Arr
     if not right or any(n not in (None, m) for n, m in zip(given, measured.shape, strict=False)):
         wanted = ", ".join("any" if n is None else "..." if n is ... else str(n) for n in shape)
         raise ValueError(f"measured must have shape ({wanted}), got {measured.shape}")
-    _all("measured must be finite, or NaN where missing", measured, lambda x: ~np.isinf(x))
-    _all("measured must hold a number at least", jnp.asarray(measured), _some)
+    check_all("measured must be finite, or NaN where missing", measured, lambda x: ~np.isinf(x))
+    check_all("measured must hold a number at least", measured, lambda x: np.isfinite(x).any())
     noise, shape = real_array("noise", noise), measured.shape
     if noise.ndim > len(shape) or any(
         n not in (1, m) for n, m in zip(noise.shape[::-1], shape[::-1], strict=False)
     ):
         raise ValueError(f"noise must be a number or have shape {shape}, got {noise.shape}")
     noise = jnp.broadcast_to(noise, shape)
-    _all("noise must be finite and > 0", noise, lambda x: np.isfinite(x) & (x > 0))
+    check_all("noise must be finite and > 0", noise, lambda x: np.isfinite(x) & (x > 0))
     return measured, noise
-
-
-def _some(values: np.ndarray) -> np.ndarray:
-    return np.isfinite(values).any()

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._checks import numpy_if_concrete, real_scalar
+from jaxbeam._checks import check_all, numpy_if_concrete, real_scalar
 from jaxbeam._types import Scalar, is_concrete
 
 
@@ -50,13 +50,11 @@ class FreeParameter(eqx.Module):
             raise ValueError(f"guess must be finite and between {lower} and {upper}, got {guess}")
         self.prior = None
         if prior is not None:
+            rule = "prior must be a mean and a standard deviation > 0"
             if not isinstance(prior, tuple | list) or len(prior) != 2:
-                raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
-            mean, standard_deviation = (real_scalar("prior", number) for number in prior)
-            sound = jnp.isfinite(mean) & jnp.isfinite(standard_deviation) & (standard_deviation > 0)
-            if is_concrete(sound) and not bool(sound):
-                raise ValueError(f"prior must be a mean and a standard deviation > 0, got {prior}")
-            self.prior = mean, standard_deviation
+                raise ValueError(f"{rule}, got {prior}")
+            self.prior = real_scalar("prior", prior[0]), real_scalar("prior", prior[1])
+            check_all(rule, self.prior, lambda x: np.isfinite(x).all() & (x[1] > 0))
 
     def value(self, z: Scalar) -> Scalar:
         """The parameter that belongs to the variable z of the search, which knows no bounds."""

@@ -9,10 +9,9 @@ asked is compiled side by side, and what cannot matter is not.
 import dataclasses
 import functools
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -36,7 +35,7 @@ from jaxbeam._ladder.rungs import (
     scout_of,
 )
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._results import finish
+from jaxbeam._results import finish, replaced
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.checked import checked_rotor
 from jaxbeam._rotor.directions import Direction
@@ -119,17 +118,18 @@ def _chosen(ask: "_Asker", tolerance: float, own: Sequence[AbstractModel]) -> Ch
     if given.blames_input and given != Status.OUT_OF_PLANE:  # others may have flap
         return _none(given, seen, beforehand, tolerance, ())
     if planar:
-        beforehand = eqx.tree_at(
-            lambda k: k.timoshenko_reduction, beforehand, beforehand.timoshenko_reduction[:1]
-        )
-    if linear and 0.3 * beforehand.size**2 <= tolerance:  # typical error of linear theory
+        in_plane = beforehand.timoshenko_reduction[:1]
+        beforehand = replaced(beforehand, timoshenko_reduction=in_plane)
+    if linear and 0.3 * beforehand.size**2 <= tolerance:  # what linear theory leaves out as a rule
         cheaper = itertools.takewhile(lambda rung: rung.model != elements[1], rungs)
         ask.begin(*[r.model for r in cheaper if not ruled_out(r.model, beforehand, tolerance)][:1])
 
-    judge, left = _refined(ask, elements, tolerance)
+    share = convergence_factor(question, rotor, elements[0])
+    place, left, _ = refined(ask.batch, 1, elements, tolerance, share)
+    judge = elements[place[0]]
     noise = ask.now(judge, 0.1).distance(ask(judge))
-    left = left + float(noise) + left_out_by(judge, beforehand)
-    trial = _Trial(ask, tolerance, beforehand, scout, nonlinear, judge, left)
+    error = float(left[0] + noise) + left_out_by(judge, beforehand)
+    trial = _Trial(ask, tolerance, beforehand, scout, nonlinear, judge, error)
     for model in (scout, *elements):
         if model in ask.found or model == scout:
             trial.estimates[model] = trial.estimate(model)
@@ -170,7 +170,7 @@ def _scouted(
     ask.compiler.await_it(Indicators)
     beforehand = jax.device_get(indicators(question, rotor))
     if given == Status.OK:
-        beforehand = eqx.tree_at(lambda k: (k.size, k.slope), beforehand, (seen.size, seen.slope))
+        beforehand = replaced(beforehand, size=seen.size, slope=seen.slope)
     ask.size = float(np.clip(beforehand.size, 1e-9, 1.0)) if given == Status.OK else LARGE
     return seen, beforehand
 
@@ -206,32 +206,42 @@ class _Asker:
             self.found[model] = self.now(model)
         return self.found[model]
 
+    def batch(self, model: AbstractModel, _: np.ndarray) -> Answer:
+        """The answer as that of a batch of one."""
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[None], self(model))
+
     def apart(self, model: AbstractModel, better: AbstractModel) -> float:
         return float(self(model).distance(self(better)))
 
 
-def _refined(
-    ask: _Asker, elements: list[AbstractModel], tolerance: float
-) -> tuple[AbstractModel, float]:
-    """The judge, refined until its answer changes by less than the tolerance, with its possible
-    error; where a finer one fails, the finest that another one confirms."""
-    share = convergence_factor(ask.question, ask.rotor, elements[0])
-    judge, left, before = elements[1], np.inf, np.inf
-    for coarse, fine in itertools.pairwise(elements):
-        apart = ask.apart(coarse, fine)
-        if np.isfinite(left) and not np.isfinite(apart):
-            break
-        if all(int(ask(m).status) == Status.MAX_STEPS for m in (coarse, fine)):
-            break  # finer ones vibrate faster
+def refined(
+    ask: Callable[[AbstractModel, np.ndarray], Answer], cases: int, elements: list[AbstractModel],
+    tolerance: float, share: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """The judge of each of so many cases, as its place among elements that are refined until the
+    answer stands still, its possible error, and whether it does stand still. Where a finer one
+    fails, the finest that another confirms. `ask` answers some of the cases, in a batch."""
+    judge, steady = np.ones(cases, int), np.zeros(cases, bool)
+    left, before = np.full((2, cases), np.inf)
+    going = np.arange(cases)
+    for k, pair in enumerate(itertools.pairwise(elements), 1):
+        coarse, fine = (ask(model, going) for model in pair)
+        apart, last = coarse.distance(fine), before[going]
         # Two rungs may agree by chance: so little is left only if those before agreed as well.
-        if np.isinf(before):
-            here = max(share * apart, min(apart / 2, _UNCONFIRMED * tolerance))
-        else:
-            here = max(share * apart, share**2 * before)
-        judge, left, before = fine, here, apart
-        if max(apart, here) <= JUDGE * tolerance:
+        confirmed = np.where(
+            np.isinf(last), np.minimum(apart / 2, _UNCONFIRMED * tolerance), share**2 * last
+        )
+        here = np.maximum(share * apart, confirmed)
+        fails = np.isfinite(left[going]) & ~np.isfinite(apart)
+        # Finer ones vibrate faster.
+        fails |= (coarse.status == Status.MAX_STEPS) & (fine.status == Status.MAX_STEPS)
+        on = going[~fails]
+        judge[on], left[on], before[on] = k, here[~fails], apart[~fails]
+        steady[on] = np.maximum(before, left)[on] <= JUDGE * tolerance
+        going = on[~steady[on]]
+        if not going.size:
             break
-    return judge, max(left, _LEAST * tolerance)
+    return judge, np.maximum(left, _LEAST * tolerance), steady
 
 
 @dataclasses.dataclass

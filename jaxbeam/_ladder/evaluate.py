@@ -7,8 +7,7 @@ from jaxbeam._models.contract.door import checked_case
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish
 from jaxbeam._rotor.beam import Rotor
-from jaxbeam._simulation.first_short import STEPS
-from jaxbeam._status import Status
+from jaxbeam._simulation.first_short import STEPS, quick_first
 from jaxbeam._types import Real, Scalar
 
 UNKNOWN = 1e-4  # deflection over length to expect where nothing is known
@@ -50,13 +49,7 @@ def answer_of(question: Question, *given: object) -> Answer:
     """The answer to a question, by rotor, model, accuracy and size that are `given`; by the quickly
     compiled program first, unless a run is longer than that is worth."""
     short = question.within(STEPS)
-    answer: Answer
-    if _answer.for_call(short, *given) is _answer.quick is not _answer.well:
-        answer = _answer.quick(short, *given)
-        if short is question or answer.status != Status.MAX_STEPS:
-            return answer
-        _answer.enough(short, *given)
-    answer = _answer.at_length(question, *given)
+    answer: Answer = quick_first(_answer, (short, *given), (question, *given), short is question)
     return answer
 
 

@@ -197,8 +197,9 @@ class _InTime(Question):
 
     @property
     def space_alone(self) -> str:
-        parts = [] if self.loads.has_potential else self.loads.features[:1]
-        return next(iter([*parts, *(f for f in self.damping.features if f not in _DAMPED)]), "")
+        parts = [] if self.loads.has_potential else [*self.loads.features]
+        parts += [feature for feature in self.damping.features if feature not in borne(Hybrid)]
+        return next(iter(parts), "")
 
     @property
     def functions(self) -> tuple[int, ...]:
@@ -225,7 +226,6 @@ class _InTime(Question):
 
 
 _LEAST = Hybrid(0, 1, 0)
-_DAMPED = borne(Hybrid)
 
 
 class _AtPoint(_InTime):

@@ -25,6 +25,7 @@ from jaxbeam._models.contract.supports import check_supported, missing, unsuppor
 from jaxbeam._models.modal.theories import Classical, Hybrid, VonKarman
 from jaxbeam._models.space.rod import SpatialRod
 from jaxbeam._programs.program import Program
+from jaxbeam._results import replaced
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.beam_sections import sections_of
 from jaxbeam._rotor.checked import checked_rotor
@@ -174,11 +175,9 @@ class Indicators(eqx.Module):
 
 @Program
 def indicators(question: Question, rotor: Rotor) -> Indicators:
-    """The indicators of a question and rotor, with size and slope infinite until a linear theory
-    has answered."""
-    # Indicators of a coned beam are those of one in the plane, whose tension is no less.
-    rotor = straightened(rotor)
-    rotor = eqx.tree_at(lambda r: r.precone, rotor, None, is_leaf=lambda x: x is None)
+    """Indicators without size and slope, which are infinite until a linear theory has said them."""
+    # Of a beam in a cone as if it lay in the plane, where the tension is no less.
+    rotor = replaced(straightened(rotor), precone=None)
     speed = question.speed()
     omega, shape = bending_at_rest(rotor)
     unknown = jnp.full_like(speed, jnp.inf)

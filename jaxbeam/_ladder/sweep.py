@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxbeam._checks import count_functions
 from jaxbeam._ladder.background import BackgroundCompiler
-from jaxbeam._ladder.choose import INTEGRATION, JUDGE, LARGE, checked_tolerance
+from jaxbeam._ladder.choose import INTEGRATION, LARGE, checked_tolerance, refined
 from jaxbeam._ladder.evaluate import UNKNOWN
 from jaxbeam._ladder.pool import Example, Know, Pool, Situation, answers_in, some_of
 from jaxbeam._ladder.questions import Answer, Question
@@ -198,9 +198,9 @@ def _swept(
     linear = linear if 0.03 * nonlinearity.min() <= tolerance else []  # a tenth of its error
     pool.begin(*linear[:2])
     sample = _representatives(pool, cases, nonlinearity, np.flatnonzero(fine), representatives)
-    these = cases[sample], nonlinearity[sample], tolerance, share
-    rich, truth = _calibrated(pool, elements, *these)
-    poor = [_linear(pool, linear, truth, rich.theory, *these)] if linear else []
+    rich, truth = _calibrated(pool, elements, cases[sample], tolerance, share)
+    these = truth, rich.theory, cases[sample], nonlinearity[sample], tolerance, share
+    poor = [_linear(pool, linear, *these)] if linear else []
     estimate, status = out["estimate"], out["status"]
     for chain in (*poor, rich):
         left_out = chain.left_out(nonlinearity)
@@ -251,14 +251,19 @@ def _representatives(
 
 
 def _calibrated(
-    pool: Pool, elements: list[AbstractModel], sample: np.ndarray, nonlinearity: np.ndarray,
-    tolerance: float, share: float,
-) -> tuple[_Chain, Answer]:  # fmt: skip
-    """The non-linear chain, and its best answers."""
-    judge, truth = _judged(pool, sample, elements, tolerance)
+    pool: Pool, elements: list[AbstractModel], sample: np.ndarray, tolerance: float, share: float
+) -> tuple[_Chain, Answer]:
+    """The non-linear chain, and its best answers, not OK where none stands still."""
+    judge, _, steady = refined(
+        lambda model, which: pool(model, sample[which]), len(sample), elements, tolerance, share
+    )
+    finest = [pool(elements[k], sample[i : i + 1]) for i, k in enumerate(judge)]
+    best = jax.tree.map(lambda *leaves: np.concatenate(leaves), *finest)
+    status = np.where(steady, best.status, Status.TOLERANCE_NOT_MET)
+    truth = dataclasses.replace(best, status=status)
     chain = _chain(pool, sample, elements, truth, judge, share, tolerance)
     middle = elements[int(np.median(judge))]
-    noise = _noise(pool, sample, middle, np.asarray(truth.status == Status.OK))
+    noise = _noise(pool, sample, middle, truth)
     return chain._replace(theory=0.0 if middle.is_reference else SPACE, noise=noise), truth
 
 
@@ -281,26 +286,10 @@ def _linear(
     use = np.isfinite(off) & np.isfinite(own) & (nonlinearity > 0)
     more = np.maximum(off - own - _NOISE * tolerance, 0)[use] / nonlinearity[use]
     limit = float(np.max(nonlinearity[np.isfinite(off)], initial=-1.0))
-    return chain._replace(theory=float(np.max(more, initial=0.0)) + beyond, limit=limit)
-
-
-def _judged(
-    pool: Pool, sample: np.ndarray, elements: list[AbstractModel], tolerance: float
-) -> tuple[np.ndarray, Answer]:
-    """The rung that judges each representative, and its answer, not OK where none stands still."""
-    judge = np.full(len(sample), len(elements) - 1)
-    left = np.arange(len(sample))
-    for k in range(1, len(elements)):
-        coarse, fine = (pool(model, sample[left]) for model in elements[k - 1 : k + 1])
-        judge[left] = k
-        left = left[~(coarse.distance(fine) <= JUDGE * tolerance)]
-        if not left.size:
-            break
-    finest = [pool(elements[k], sample[i : i + 1]) for i, k in enumerate(judge)]
-    truth = jax.tree.map(lambda *leaves: np.concatenate(leaves), *finest)
-    unsure = np.isin(np.arange(len(sample)), left)
-    status = np.where(unsure, Status.TOLERANCE_NOT_MET, truth.status)
-    return judge, dataclasses.replace(truth, status=status)
+    return chain._replace(
+        theory=float(np.max(more, initial=0.0)) + beyond, limit=limit,
+        noise=_noise(pool, sample, chain.models[chain.start], truth),
+    )  # fmt: skip
 
 
 def _chain(
@@ -327,12 +316,12 @@ def _chain(
         if np.median(error) <= _START * tolerance:
             start = min(start, k)
     start = min(start, max(int(np.median(judge)), 1), last)
-    noise = _noise(pool, sample, models[start], np.asarray(best.status == Status.OK))
-    return _Chain(models, start, ratio, floor, 0.0, np.inf, noise)
+    return _Chain(models, start, ratio, floor, 0.0, np.inf, 0.0)
 
 
-def _noise(pool: Pool, sample: np.ndarray, model: AbstractModel, fine: np.ndarray) -> float:
-    """The change of answers when integration is ten times as accurate."""
+def _noise(pool: Pool, sample: np.ndarray, model: AbstractModel, truth: Answer) -> float:
+    """How much answers change where integration is ten times tighter."""
+    fine = np.asarray(truth.status == Status.OK)
     if not fine.any():
         return 0.0
     tight = pool.ask(model, sample[fine], 0.1)

@@ -24,9 +24,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._models.contract.damping_data import Drag
+from jaxbeam._models.contract.damping_data import Drag, viscous
 from jaxbeam._models.contract.equations import Equations
-from jaxbeam._models.contract.strained import viscous
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._rotor.motion import Hub, cross, skew
 from jaxbeam._rotor.spring_rotor import SpringRotor
@@ -119,6 +118,12 @@ class _Particle(Equations):
     def first_moment(self, q: Vector) -> Triple:
         return self.rotor.mass * self.tip(q)
 
+    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
+        end = jnp.zeros(3).at[0].set(self.tip_radius)
+        rigid = velocity + cross(spin, end)
+        more = skew(spin) @ self.tip(q) + jax.jvp(self.tip, (q,), (v,))[1]
+        return self.rotor.mass * (rigid @ more + more @ more / 2)
+
     def damping_tangents(self, q: Vector, v: Vector, drag: Drag) -> tuple[Matrix, Matrix]:
         def force(q: Vector, v: Vector) -> Vector:
             return self.as_force(q, self.damping(q, v, drag))
@@ -142,12 +147,6 @@ class _Cartesian(_Particle):
         out = -m * inertia - self.elastic_force(q)
         return out if tip_force is None else out + tip_force[:2]
 
-    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        end = jnp.zeros(3).at[0].set(self.tip_radius)
-        rigid = velocity + cross(spin, end)
-        more = skew(spin) @ self.tip(q) + jnp.concatenate([v, jnp.zeros(1)])
-        return self.rotor.mass * (rigid @ more + more @ more / 2)
-
 
 class _Polar(_Particle):
     def place(self, q: Vector) -> Float[Array, " 2"]:
@@ -155,13 +154,6 @@ class _Polar(_Particle):
         # 2 sin^2 is 1 - cos without cancellation.
         across = (length + q[0]) * jnp.sin(q[1])
         return jnp.stack([q[0] - 2 * (length + q[0]) * jnp.sin(q[1] / 2) ** 2, across])
-
-    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Scalar:
-        end = jnp.zeros(3).at[0].set(self.tip_radius)
-        rigid = velocity + cross(spin, end)
-        moving = jax.jvp(self.place, (q,), (v,))[1]
-        more = skew(spin) @ self.tip(q) + jnp.concatenate([moving, jnp.zeros(1)])
-        return self.rotor.mass * (rigid @ more + more @ more / 2)
 
 
 class _ExactPolar(_Polar):

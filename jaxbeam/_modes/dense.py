@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -11,23 +10,21 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from jaxbeam._models.contract.labelling import assigned, participation, ranked, uncoupled
-from jaxbeam._models.contract.linear_system import LinearSystem
+from jaxbeam._models.contract.linear_system import LinearSystem, SystemPart
 from jaxbeam._modes.result import Modes
 from jaxbeam._modes.wanted import Wanted
 from jaxbeam._numerics.gyroscopic import gyroscopic_eigenpairs, lowest_by_skew
 from jaxbeam._numerics.linalg import planar_eigenpairs, positive_definite
-from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._numerics.quadratic import quadratic_eigenpairs
 from jaxbeam._programs.batches import one_by_one
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status, first_broken, first_failure
 
-_Directions = tuple[Direction, ...]
-_MORE = 2  # modes that are computed beyond those wanted
-_CLEAR = 0.5  # share of kinetic energy in an uncoupled mode beyond which its label is certain
-_SPREAD = 300.0  # ratio of frequencies beyond which squaring a matrix costs too many digits
-ROUNDING = 1e-3  # relative error of a frequency by rounding up to which the status is OK
-TOLERANCE = 5e6  # largest residual in units of rounding: 1e-9 in double precision
+_MORE = 2  # modes beyond those wanted that are found with them
+_CLEAR = 0.5  # share of the kinetic energy that one uncoupled mode has more of than all others
+_SPREAD = 300.0  # between the lowest frequency and the highest, of which the square costs digits
+ROUNDING = 1e-3  # what rounding may change a frequency by, relative, where that is OK
+TOLERANCE = 5e6  # of residuals, over the resolution of the numbers: 1e-9 in double precision
 
 
 def dense_modes(
@@ -106,38 +103,6 @@ def _chosen(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     return chosen
 
 
-class _GroupMatrices(NamedTuple):
-    """The matrices of one coupling group, its coordinates ordered by direction."""
-
-    rows: np.ndarray  # places of these coordinates among all of the system
-    directions: list[Direction]
-    sizes: list[int]  # number of coordinates of each direction
-    m: Array
-    by_rates: Array
-    k: Array
-    taken_along: Array | None  # see `LinearSystem`
-
-    @classmethod
-    def taken(
-        cls, system: LinearSystem, transverse: _Directions, axial: _Directions
-    ) -> "_GroupMatrices":
-        """The part of a system in the directions of one coupling group."""
-        every = dict.fromkeys(transverse + axial)
-        directions = [direction for direction in every if system.where(direction).size]
-        rows = system.where(*directions)
-        block = np.ix_(rows, rows)
-        m, c, k = (a[block] for a in (system.mass, system.by_rates, system.stiffness))
-        sizes = [system.where(direction).size for direction in directions]
-        along = None if system.taken_along is None else system.taken_along[block]
-        return cls(rows, directions, sizes, m, c, k, along)
-
-    def uncoupled(self, k: Array, free: int, bent: bool) -> Array:
-        """The products M v of the uncoupled modes v of a stiffness K (see `labelling.py`)."""
-        return uncoupled(
-            self.m, k, self.directions, self.sizes, free, bent, taken_along=self.taken_along
-        )
-
-
 def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     """The lowest modes of a conservative system of one group. Only these are computed if the system
     is stable and their labels are certain, else all are.
@@ -145,10 +110,11 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     The label of a mode is certain if more than half of its kinetic energy is in one uncoupled mode,
     and less than half of that one is in modes that were not computed.
     """
-    group, count = _GroupMatrices.taken(system, *system.coupling[0]), wanted.count
-    m, c, k = group[3:6]
+    transverse, axial = system.coupling[0]
+    part, count = system.part(*transverse, *axial), wanted.count
+    m, c, k = part.mass, part.by_rates, part.stiffness
     lam, x, kinetic, stable = lowest_by_skew(m, c, k, count + _MORE)
-    momenta = group.uncoupled(symmetric_part(k), free, bent=True)
+    momenta = uncoupled(part, free, bent=True)
     share = participation(x, momenta)
     label = jnp.argmax(share, 1)
     # Shares 2 (kinetic / total energy) |x^H M v|^2 of modes x in an uncoupled mode v add up to one.
@@ -166,11 +132,11 @@ def _lowest(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
 
     certain = stable & jnp.all(clear[:count]) & near & right
     lam, x, label = jax.lax.cond(certain, lambda: (lam[:count], x[:count], label[:count]), from_all)
-    finite, label = jnp.all(jnp.isfinite(lam)), ranked(label, group.sizes)
-    x = _unmixed(m, x, coupling(m, c, k, group.sizes)[label])
-    direction_of, number_of = _labels(system.directions, group.rows)
+    finite, label = jnp.all(jnp.isfinite(lam)), ranked(label, part.sizes)
+    x = _unmixed(m, x, coupling(part)[label])
+    direction_of, number_of = _labels(system.directions, part.rows)
     return _Chosen(
-        lam, x[:, np.argsort(group.rows)], direction_of[label], number_of[label],
+        lam, x[:, np.argsort(part.rows)], direction_of[label], number_of[label],
         jnp.ones((), bool), finite, _rounding(m, c, k, lam, x, free),
     )  # fmt: skip
 
@@ -180,7 +146,7 @@ def _chosen_of_all(system: LinearSystem, wanted: Wanted, free: int) -> _Chosen:
     groups = [
         _group(system, transverse, axial, free)
         for transverse, axial in system.coupling
-        if system.where(*dict.fromkeys(transverse + axial)).size
+        if system.where(*transverse, *axial).size
     ]
     rows = np.concatenate([group.rows for group in groups])
     direction_of, number_of = _labels(system.directions, rows)
@@ -237,8 +203,8 @@ def _group(
     free: int,
 ) -> _Group:
     """All modes of one coupling group of a system."""
-    group = _GroupMatrices.taken(system, transverse, axial)
-    rows, _, sizes, m, g, k, _ = group
+    part = system.part(*transverse, *axial)
+    rows, _, sizes, m, g, k, _ = part
     if system.general:
         eigenvalue, shape = quadratic_eigenpairs(m, g, k, system.conservative, free)
         positive = jnp.ones((), int)  # not needed: growing modes are found like others
@@ -248,20 +214,17 @@ def _group(
         nt = system.where(*transverse).size
         eigenvalue, shape, positive = planar_eigenpairs(m, g, k, nt, free)
         if Direction.FLAP in axial:  # a coned beam may be stable though flap alone is not
-            axial_rows = system.where(Direction.AXIAL)
-            stiffness = system.stiffness[np.ix_(axial_rows, axial_rows)]
-            positive = (
-                positive_definite(stiffness).astype(int) if axial_rows.size else jnp.ones((), int)
-            )
+            rod, positive = system.part(Direction.AXIAL), jnp.ones((), int)
+            if rod.sizes:
+                positive = positive_definite(rod.stiffness).astype(int)
     label = jnp.arange(rows.size)
     if len(sizes) > 1:  # within one direction numbers are ranks of frequencies
-        symmetric = symmetric_part(k) if system.general else k
         # Axial motion follows bending statically, unless it only moves in quadrature to it.
         bent = system.general or transverse == axial or Direction.FLAP in axial
-        label = assigned(participation(shape, group.uncoupled(symmetric, free, bent)))
+        label = assigned(participation(shape, uncoupled(part, free, bent)))
     if system.general:
         label = ranked(label, sizes)
-        shape = _unmixed(m, shape, coupling(m, g, k, sizes)[label])
+        shape = _unmixed(m, shape, coupling(part)[label])
     rounding = _rounding(m, g, k, eigenvalue, shape, free)
     return _Group(rows, eigenvalue, shape, label, positive == 1, rounding)
 
@@ -292,18 +255,15 @@ def _rounding(m: Array, g: Array, k: Array, eigenvalue: Array, x: Array, free: i
 
 def coupled_with(system: LinearSystem, direction: Array) -> Bool[Array, "k n"]:
     """Whether each of n coordinates is coupled with the direction of each of k modes."""
-    rows = system.where(*Direction)
-    sizes = [size for f in Direction if (size := system.where(f).size)]
-    block = np.ix_(rows, rows)
-    m, c, k = system.mass[block], system.by_rates[block], system.stiffness[block]
-    linked = coupling(m, c, k, sizes)[:, np.argsort(rows)]
-    first = [np.argmax(np.array(system.directions)[rows] == f) for f in Direction]
+    part = system.part(*Direction)
+    linked = coupling(part)[:, np.argsort(part.rows)]
+    first = [np.argmax(np.array(system.directions)[part.rows] == f) for f in Direction]
     return linked[jnp.array(first)[direction]]
 
 
-def coupling(m: Array, c: Array, k: Array, sizes: Sequence[int]) -> Bool[Array, "n n"]:
-    """Whether the directions of each two of n coordinates are coupled, directly or by way of
-    others; `sizes` are numbers of coordinates by direction, in their order."""
+def coupling(part: SystemPart) -> Bool[Array, "n n"]:
+    """Whether the directions of each two coordinates are coupled, be it by way of others."""
+    m, c, k, sizes = part.mass, part.by_rates, part.stiffness, part.sizes
     eps = 1e4 * jnp.finfo(m.dtype).eps
     direction = np.repeat(np.arange(len(sizes)), sizes)
     in_direction = jnp.asarray(direction[None] == np.arange(len(sizes))[:, None], m.dtype)

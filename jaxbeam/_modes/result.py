@@ -1,6 +1,5 @@
 """Modes of one case, or of a batch."""
 
-import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,30 +15,13 @@ from jaxbeam._models.contract.loaded import Conditions
 from jaxbeam._modes.section_loads import modal_loads
 from jaxbeam._modes.shapes import ShapePolynomials, fit
 from jaxbeam._programs.program import Program
-from jaxbeam._results import InHertz, Method, asked_with, harmless, nan_unless, per_case
+from jaxbeam._results import InHertz, asked_with, harmless, nan_unless, per_case
 from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor
 from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.span import polar_inertia
 from jaxbeam._rotor.spanwise import along, points_within
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Scalar, Vectors
-
-
-def of_places(method: Method) -> Method:
-    """A wrapper for methods of `Modes` that took a rotor in earlier versions: it raises `TypeError`
-    where one is given."""
-    name = method.__name__
-
-    @functools.wraps(method)
-    def told(self: Any, *args: Any, **kwargs: Any) -> Any:
-        if "rotor" in kwargs or any(isinstance(value, AnyRotor) for value in args):
-            places = "" if name == "polynomials" else "xi"
-            raise TypeError(
-                f"{name} takes no rotor, since modes know theirs: write modes.{name}({places})"
-            )
-        return method(self, *args, **kwargs)
-
-    return told  # type: ignore[return-value]
 
 
 class Modes(InHertz, eqx.Module):
@@ -123,7 +105,6 @@ class Modes(InHertz, eqx.Module):
         of these for each case."""
         return _named(np.asarray(self.direction), np.asarray(self.number))
 
-    @of_places
     @per_case
     def displacement(self, xi: Any = 1.0, *, tip: bool = False) -> Complex[Array, "... k p 3"]:
         """Amplitudes of modes along the span: axial, in plane and flap, to first order.
@@ -141,7 +122,6 @@ class Modes(InHertz, eqx.Module):
         table = asked.model.displacement(points, asked.rotor)
         return nan_unless(asked.fine, jnp.einsum("cpn,kn->kpc", table, asked.shapes(tip)))
 
-    @of_places
     @per_case
     def torsion(self, xi: Any = 1.0, *, tip: bool = False) -> Complex[Array, "... k p"]:
         """L times the angle of torsion at `xi`, as in `displacement`, with the same `tip`, units
@@ -151,7 +131,6 @@ class Modes(InHertz, eqx.Module):
             asked.fine, asked.shapes(tip) @ asked.model.torsion(points, asked.rotor).T
         )
 
-    @of_places
     @per_case
     def section_force(self, xi: Any = 0.0, *, tip: bool = False) -> Complex[Array, "... k p 3"]:
         """Forces in sections at `xi` that go with modes: tension, shear in plane, shear in flap.
@@ -164,7 +143,6 @@ class Modes(InHertz, eqx.Module):
         """
         return self._section_loads(xi, tip)[0]
 
-    @of_places
     @per_case
     def section_moment(self, xi: Any = 0.0, *, tip: bool = False) -> Complex[Array, "... k p 3"]:
         """Modal moments in sections at `xi`: of torsion, of bending in plane, of bending in flap.
@@ -188,7 +166,6 @@ class Modes(InHertz, eqx.Module):
         about = asked.model, asked.rotor, speed, conditions
         return nan_unless(asked.fine, modal_loads(*about, value, asked.shapes(tip), points))
 
-    @of_places
     def polynomials(self) -> ShapePolynomials:
         """The shapes of bending modes as ElastoDyn (OpenFAST) takes them: c_2 xi^2 + ... + c_6 xi^6
         by least squares over the span, scaled to c_2 + ... + c_6 = 1.
@@ -203,7 +180,7 @@ class Modes(InHertz, eqx.Module):
 
         Raises `ValueError` for a rotor with a pitch.
         """
-        if isinstance(self.rotor, Rotor) and self.rotor.pitch is not None:
+        if self.rotor is not None and self.rotor.pitch is not None:
             raise ValueError(
                 "rotor.pitch must be None for shapes of modes, since ElastoDyn turns the blade by "
                 "a pitch of its own: take the modes of the rotor without its pitch"

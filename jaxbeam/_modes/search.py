@@ -18,7 +18,7 @@ from jaxbeam._modes.result import Modes, own_tip
 from jaxbeam._modes.wanted import Wanted
 from jaxbeam._programs.batches import batchable, in_rows, mended, reaches
 from jaxbeam._programs.platforms import by_platform
-from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.directions import CouplingGroup, Direction
 from jaxbeam._status import Status
 from jaxbeam._types import Scalar, Vector
@@ -85,11 +85,10 @@ def search(
 
 def _loose(rotor: AnyRotor) -> Bool[Array, " 4"]:
     """Whether the root has a free hinge, with a spring of no stiffness, by direction."""
-    if isinstance(rotor, Rotor) and rotor.root_support is not None:
+    if rotor.root_support is not None:
         hinges = [spring == 0 for spring in rotor.root_support.springs if spring is not None]
         return jnp.broadcast_to(jnp.any(jnp.stack(hinges)), 4)
-    springs = rotor.springs if isinstance(rotor, Rotor) else (None, None)
-    in_plane, flap = (jnp.asarray(spring is not None and spring == 0) for spring in springs)
+    in_plane, flap = (jnp.asarray(spring is not None and spring == 0) for spring in rotor.springs)
     no = jnp.zeros((), bool)
     return jnp.stack([no, in_plane, flap, no])
 

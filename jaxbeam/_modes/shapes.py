@@ -3,13 +3,13 @@
 import functools
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.bases.loads import section_angle
 from jaxbeam._numerics.linalg import largest, solve
+from jaxbeam._results import replaced
 from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor
 from jaxbeam._rotor.span import Span, on
 
@@ -60,7 +60,7 @@ def fit(rotor: AnyRotor) -> PolynomialFit:
     across it.
     """
     if isinstance(rotor, Rotor) and not isinstance(rotor.beam, Beam):
-        rotor = eqx.tree_at(lambda r: r.beam, rotor, rotor.beam.beam())
+        rotor = replaced(rotor, beam=rotor.beam.beam())
     edges = rotor.beam.edges if isinstance(rotor, Rotor) else (0.0, 1.0)
     span = Span.between(edges, _POINTS)
     xi = np.asarray(span.xi)

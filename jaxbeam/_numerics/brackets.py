@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -79,6 +80,37 @@ def first_change(
     what it has kept is not `fine`.
     """
     zero, one = jnp.zeros_like(looks.bottom), jnp.ones_like(looks.bottom)
+    a, b = jnp.stack([zero, one]), jnp.stack([looks.top, one])
+    begin = Bracket(jnp.asarray(0), looks.bottom, zero, a, b, jnp.asarray(True), kept)
+    return _searched(look, looks, fine, begin)
+
+
+def change_between(
+    function: Callable[[Scalar], Scalar], ends: tuple[Scalar, Scalar], values: tuple[Scalar, Scalar]
+) -> Scalar:
+    """The place between two `ends`, at which a function has these `values`, where its sign changes,
+    to rounding; without meaning where it has the same sign at both."""
+    side = jnp.where(values[0] < values[1], -1.0, 1.0)
+    least = jnp.finfo(side.dtype).tiny ** 0.5  # above zero, where the first end is the place
+    a = jnp.stack([ends[0], jnp.maximum(side * values[0], least)])
+    b = jnp.stack([ends[1], side * values[1]])
+    none = jnp.asarray(0)
+    begin = Bracket(none, (ends[0] + ends[1]) / 2, ends[0], a, b, jnp.asarray(True), none)
+
+    def look(here: Bracket) -> tuple[Scalar, Array, Array]:
+        return side * function(here.value), none, jnp.asarray(False)
+
+    # The top is below all, so that nothing is looked at beyond the ends.
+    looks = Looks(ends[0], 1.0, jnp.full_like(side, -jnp.inf), 0)
+    return _searched(look, looks, lambda _: jnp.asarray(True), begin).value
+
+
+def _searched(
+    look: Callable[[Bracket], tuple[Scalar, Any, Array]], looks: Looks,
+    fine: Callable[[Any], Array], begin: Bracket,
+) -> Bracket:  # fmt: skip
+    """The end of a search from where it begins: see `first_change`."""
+    one = jnp.ones_like(begin.value)
 
     def step(bracket: Bracket) -> Bracket:
         number, kept, fails = look(bracket)
@@ -99,11 +131,33 @@ def first_change(
     def goes_on(bracket: Bracket) -> Array:
         more = jnp.where(
             bracket.found,
-            jnp.abs(bracket.value - bracket.last) > looks.close * bracket.value,
+            jnp.abs(bracket.value - bracket.last) > looks.close * jnp.abs(bracket.value),
             bracket.value <= looks.top * (1 + 1e-9),
         )
         return more & fine(bracket.kept) & bracket.ended(looks)
 
-    a, b = jnp.stack([zero, one]), jnp.stack([looks.top, one])
-    begin = Bracket(jnp.asarray(0), looks.bottom, zero, a, b, jnp.asarray(True), kept)
     return jax.lax.while_loop(goes_on, step, begin)
+
+
+@eqx.filter_custom_jvp
+def root(function: Callable[[Any, Scalar], Scalar], given: Any, value: Scalar) -> Scalar:
+    """The `value`, with its derivatives, of any order, as the root of function(given, value) by all
+    that is `given`: only where they are asked for is the function looked at."""
+    return value
+
+
+@root.def_jvp
+def _root_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Scalar, Scalar]:
+    function, given, value = primals
+    # Through the function itself: then this rule can be differentiated again.
+    value = root(*primals)
+    numbers, others = eqx.partition(given, eqx.is_inexact_array)
+    _, change = jax.linearize(
+        lambda numbers, value: function(eqx.combine(numbers, others), value), numbers, value
+    )
+    still = jax.tree.map(jnp.zeros_like, numbers)
+    rates = jax.tree.map(
+        lambda t, z: z if t is None else t, tangents[1], still, is_leaf=lambda t: t is None
+    )
+    slope = change(still, jnp.ones_like(value))
+    return value, -change(rates, jnp.zeros_like(value)) / slope

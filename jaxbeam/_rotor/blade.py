@@ -10,22 +10,34 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._checks import concrete_array, real_array
+from jaxbeam._checks import real_array, shaped_array
 from jaxbeam._numerics.small import inverses
 from jaxbeam._numerics.splines import spline_rows
 from jaxbeam._rotor.beam import Beam
 from jaxbeam._rotor.beam_sections import BeamSections, sections_of
 from jaxbeam._rotor.parameters import FULL_TURN, Parameters, optional, parameter, whole
 from jaxbeam._rotor.points import PointMasses
-from jaxbeam._rotor.sections import AbstractSections, Places, full_matrices, upper_triangles
-from jaxbeam._rotor.spanwise import AbstractSpanwise, Spanwise, between, points_within
+from jaxbeam._rotor.sections import (
+    AbstractSections,
+    Places,
+    full_matrices,
+    unsymmetric,
+    upper_triangles,
+)
+from jaxbeam._rotor.spanwise import (
+    AbstractSpanwise,
+    Spanwise,
+    between,
+    checked_stations,
+    points_within,
+    steps_of,
+)
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Scalar, is_concrete
 
-_POINTS = 6  # Gauss points of each piece, for the length of the axis
-_BESIDE = 1e-3  # distance of points of the axis from a kink of a beam's twist, over the length
-_NEAR = 1e-5  # step for differences of the direction of the axis, over its length
-_UNSYMMETRIC = 1e-6  # difference allowed of two entries, over the geometric mean of diagonal ones
+_POINTS = 6  # of each piece, at which the length of the axis is integrated
+_BESIDE = 1e-3  # of the length, from a kink of the twist of a beam to points of the axis
+_NEAR = 1e-5  # of the length, to either side, for how the direction of the axis goes on
 
 
 @jax.jit
@@ -124,7 +136,7 @@ class Blade(Parameters, AbstractSections):
         kinks: Sequence[float] = (), point_masses: PointMasses | None = None,
         gyration: Any = None,
     ) -> None:  # fmt: skip
-        self.stations = _places("stations", stations, steps=True)
+        self.stations = checked_stations("stations", stations)
         self.stiffness = _sixes("stiffness", stiffness, len(self.stations))
         self.inertia = _sixes("inertia", inertia, len(self.stations))
         points = real_array("axis", axis)
@@ -136,18 +148,14 @@ class Blade(Parameters, AbstractSections):
             )
         self.axis, count = points, len(points)
         places = np.linspace(0.0, 1.0, count) if axis_stations is None else axis_stations
-        self.axis_stations = _places("axis_stations", places, steps=False)
+        self.axis_stations = checked_stations("axis_stations", places, steps=False)
         if len(self.axis_stations) != count:
             raise ValueError(
                 f"axis_stations must be as many as points of the axis, {count}, got "
                 f"{len(self.axis_stations)}"
             )
-        self.twist = jnp.zeros(count) if twist is None else real_array("twist", twist)
-        if self.twist.shape != (count,):
-            raise ValueError(
-                f"twist must be as many as points of the axis, {count}, got shape "
-                f"{self.twist.shape}"
-            )
+        twist = jnp.zeros(count) if twist is None else twist
+        self.twist = shaped_array("twist", twist, (count,), ", one for each point of the axis")
         self.kinks = tuple(float(kink) for kink in kinks)
         if not set(self.kinks) <= set(self.axis_stations[1:-1]):
             raise ValueError(
@@ -200,9 +208,7 @@ class Blade(Parameters, AbstractSections):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        places = np.asarray(self.stations)
-        steps = places[1:][np.diff(places) == 0]
-        return tuple(sorted({*steps.tolist(), *self.kinks}))
+        return tuple(sorted({*steps_of(self.stations), *self.kinks}))
 
     @property
     def edges(self) -> tuple[float, ...]:
@@ -348,20 +354,6 @@ def _stations_of(beam: Beam) -> list[float]:
     return sorted([*(place for place in places if 0 <= place <= 1), *sections.breaks])
 
 
-def _places(name: str, given: Any, steps: bool) -> tuple[float, ...]:
-    """An argument as places from 0 to 1, checked: increasing, or with `steps` not decreasing."""
-    places = concrete_array(name, given)
-    if places.ndim != 1 or places.size < 2:
-        raise ValueError(f"{name} must be two or more in a row, got shape {places.shape}")
-    rise = np.diff(places)
-    if not (places[0] == 0 and places[-1] == 1 and np.all(rise >= 0 if steps else rise > 0)):
-        how = "not decrease" if steps else "increase"
-        raise ValueError(f"{name} must {how} from 0 to 1, got {places.tolist()}")
-    if np.any((rise[1:] == 0) & (rise[:-1] == 0)) or rise[0] == 0 or rise[-1] == 0:
-        raise ValueError(f"{name}: a step is two equal places between the ends, got three or one")
-    return tuple(places.tolist())
-
-
 def _sixes(name: str, given: Any, count: int) -> Float[Array, "n 21"]:
     """An argument as `count` upper triangles of symmetric matrices of six by six, checked."""
     rows = real_array(name, given)
@@ -374,18 +366,11 @@ def _sixes(name: str, given: Any, count: int) -> Float[Array, "n 21"]:
             f"{name} must have shape ({count}, 6, 6), a matrix for each station, or ({count}, 21), "
             f"got {rows.shape}"
         )
-    if is_concrete(rows):
-        values = np.asarray(rows)
-        scale = np.sqrt(np.abs(np.einsum("nii->ni", values)))
-        unsymmetric = (
-            np.abs(values - values.swapaxes(1, 2))
-            > _UNSYMMETRIC * scale[:, :, None] * scale[:, None]
+    if is_concrete(rows) and (found := unsymmetric(np.asarray(rows))) is not None:
+        station, row, column = found
+        raise ValueError(
+            f"{name} must be symmetric, got {rows[station, row, column]} and "
+            f"{rows[station, column, row]} in rows {row + 1} and {column + 1} at station "
+            f"{station + 1}"
         )
-        if np.any(unsymmetric):
-            station, row, column = np.argwhere(unsymmetric)[0]
-            raise ValueError(
-                f"{name} must be symmetric, got {values[station, row, column]} and "
-                f"{values[station, column, row]} in rows {row + 1} and {column + 1} at station "
-                f"{station + 1}"
-            )
     return upper_triangles(rows)

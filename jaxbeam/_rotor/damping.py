@@ -1,6 +1,6 @@
 """Damping by material and inertia, by ratios of modes, and by dampers at root and tip."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import real_array, real_scalar, require
+from jaxbeam._checks import check_all, real_array, real_scalar, shaped_array
+from jaxbeam._results import replaced
 from jaxbeam._rotor.directions import Direction
 from jaxbeam._status import Status
-from jaxbeam._types import Real, Scalar, is_concrete
+from jaxbeam._types import Real, Scalar
 
 Ratios = Real | Sequence[Real] | None  # one for all modes of a direction, or by number of the mode
 
@@ -99,17 +100,19 @@ class Damping(eqx.Module):
         root_dampers: Sequence[Real] | Array | None = None,
         tip_dampers: Sequence[Real] | Array | None = None,
     ) -> None:  # fmt: skip
-        self.mass_coefficient = _number("mass_coefficient", mass_coefficient)
-        self.stiffness_coefficient = _number("stiffness_coefficient", stiffness_coefficient)
-        self.in_plane_ratio = _ratios("in_plane_ratio", in_plane_ratio)
-        self.flap_ratio = _ratios("flap_ratio", flap_ratio)
-        self.axial_ratio = _ratios("axial_ratio", axial_ratio)
-        self.ratio_speed = _number("ratio_speed", ratio_speed, least=-np.inf)
-        self.in_plane_damper = _number("in_plane_damper", in_plane_damper)
-        self.flap_damper = _number("flap_damper", flap_damper)
-        self.section_coefficients = _six("section_coefficients", section_coefficients)
-        self.root_dampers = _six("root_dampers", root_dampers)
-        self.tip_dampers = _six("tip_dampers", tip_dampers)
+        self.mass_coefficient = _taken(real_scalar, "mass_coefficient", mass_coefficient)
+        self.stiffness_coefficient = _taken(
+            real_scalar, "stiffness_coefficient", stiffness_coefficient
+        )
+        self.in_plane_ratio = _taken(_ratios, "in_plane_ratio", in_plane_ratio)
+        self.flap_ratio = _taken(_ratios, "flap_ratio", flap_ratio)
+        self.axial_ratio = _taken(_ratios, "axial_ratio", axial_ratio)
+        self.ratio_speed = _taken(real_scalar, "ratio_speed", ratio_speed, np.isfinite)
+        self.in_plane_damper = _taken(real_scalar, "in_plane_damper", in_plane_damper)
+        self.flap_damper = _taken(real_scalar, "flap_damper", flap_damper)
+        self.section_coefficients = _taken(_sections, "section_coefficients", section_coefficients)
+        self.root_dampers = _taken(_support, "root_dampers", root_dampers)
+        self.tip_dampers = _taken(_support, "tip_dampers", tip_dampers)
 
     @property
     def ratios(self) -> dict[Direction, Array]:
@@ -141,53 +144,46 @@ class Damping(eqx.Module):
         return tuple(f"damping.{name}" for name in names if getattr(self, name) is not None)
 
 
-def _number(name: str, value: Any, least: float = 0.0) -> Scalar | None:
-    if value is None:
-        return None
-    value = real_scalar(f"damping.{name}", value)
-    _require(value, least)
-    return value
+def _none_negative(numbers: np.ndarray) -> Any:
+    return np.isfinite(numbers) & (numbers >= 0)
 
 
-def _ratios(name: str, value: Any) -> Array | None:
+def _taken(
+    array: Callable[[str, Any], Array], name: str, value: Any,
+    holds: Callable[[np.ndarray], Any] = _none_negative,
+) -> Array | None:  # fmt: skip
+    """An argument that may be left out, as an array whose numbers are in range."""
     if value is None:
         return None
-    value = real_array(f"damping.{name}", value)
-    if value.ndim > 1 or not value.size:
+    numbers = array(f"damping.{name}", value)
+    check_all(Status.INVALID_DAMPING, numbers, holds)
+    return numbers
+
+
+def _ratios(name: str, value: Any) -> Array:
+    ratios = real_array(name, value)
+    if ratios.ndim > 1 or not ratios.size:
         raise ValueError(
-            f"damping.{name} must be a number, or a list of them by the numbers of the modes, got "
-            f"shape {value.shape}"
+            f"{name} must be a number, or a list of them by the numbers of the modes, got shape "
+            f"{ratios.shape}"
         )
-    _require(value, 0.0)
-    return value
+    return ratios
 
 
-def _six(name: str, value: Any) -> Array | None:
-    if value is None:
-        return None
-    value = real_array(f"damping.{name}", value)
-    if value.shape != (6,):
-        raise ValueError(
-            f"damping.{name} must be six, in the order of sixes of a Blade, got shape {value.shape}"
-            f"damping.{name} must be six numbers, along three axes and about them, zero where "
-            f"there is none, got shape {value.shape}"
-        )
-    _require(value, 0.0)
-    return value
+def _sections(name: str, value: Any) -> Array:
+    return shaped_array(name, value, (6,), ", in the order of sixes of a Blade")
 
 
-def _require(value: Array, least: float) -> None:
-    if is_concrete(value):
-        numbers = np.asarray(value)
-        fine = np.isfinite(numbers) & (numbers >= least)
-        require(Status.INVALID_DAMPING, bool(fine.all()), numbers)
+def _support(name: str, value: Any) -> Array:
+    meaning = ", along three axes and about them, zero where there is none"
+    return shaped_array(name, value, (6,), meaning)
 
 
 def damping_in_range(damping: Damping) -> Array:
     """Whether all numbers of a damping are finite and, except the speed, not negative."""
     speed = jnp.zeros(()) if damping.ratio_speed is None else damping.ratio_speed
-    others = eqx.tree_at(lambda d: d.ratio_speed, damping, None, is_leaf=lambda leaf: leaf is None)
-    every = jnp.concatenate([jnp.abs(speed)[None], *map(jnp.ravel, jax.tree.leaves(others))])
+    others = jax.tree.leaves(replaced(damping, ratio_speed=None))
+    every = jnp.concatenate([jnp.abs(speed)[None], *map(jnp.ravel, others)])
     return jnp.all(jnp.isfinite(every) & (every >= 0))
 
 

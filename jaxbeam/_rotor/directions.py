@@ -108,10 +108,7 @@ def is_hinged(rotor: AnyRotor) -> bool:
 
 
 def loose_motions(rotor: AnyRotor) -> int:
-    """The number of rigid-body motions of the beam that may have no stiffness: one for each spring
-    at the root, which may be zero."""
-    if not isinstance(rotor, Rotor):
-        return 0
+    """How many motions of the beam as a rigid body its root may leave to themselves."""
     if rotor.root_support is not None:
         return sum(spring is not None for spring in rotor.root_support.springs)
     return 0 if rotor.root_springs is None else 2

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._checks import check_kind, real_array, real_scalar
+from jaxbeam._checks import check_kind, real_scalar, shaped_array
 from jaxbeam._rotor.parameters import Parameters, optional, parameter, whole
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar, is_concrete
@@ -153,8 +153,8 @@ class RigidBody(Parameters):
 
     def __init__(self, mass: Real, centre_of_mass: Any, inertia: Any) -> None:
         self.mass = real_scalar("mass", mass)
-        self.centre_of_mass = _shaped("centre_of_mass", centre_of_mass, (3,))
-        given = _shaped("inertia", inertia, (3, 3))
+        self.centre_of_mass = shaped_array("centre_of_mass", centre_of_mass, (3,))
+        given = shaped_array("inertia", inertia, (3, 3))
         self.inertia = (given + given.T) / 2
         if is_concrete(given):
             each = np.asarray(given)
@@ -177,13 +177,6 @@ class RigidBody(Parameters):
     def in_space(self) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
         """Centre of mass from the tip, and inertia about it, in axes of the last section."""
         return self.centre_of_mass, self.inertia
-
-
-def _shaped(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    given = real_array(name, value)
-    if given.shape != shape:
-        raise ValueError(f"{name} must have shape {shape}, got {given.shape}")
-    return given
 
 
 Tip = PointMass | TipBody | RigidBody

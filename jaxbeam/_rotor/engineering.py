@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import real_array
-from jaxbeam._types import is_concrete
+from jaxbeam._checks import check_all, is_valid, real_array
 
 # Strains (or velocities) in the order along, two across, and about three axes: at another point of
 # the section they are those at the reference point, plus these matrices times its coordinates.
@@ -147,14 +146,8 @@ def _numbers(name: str, value: Any, zero: bool | None) -> Array:
     numbers = real_array(name, value)
     if numbers.ndim > 1 or not numbers.size:
         raise ValueError(f"{name} must be a number or (n,) of them, got shape {numbers.shape}")
-    if is_concrete(numbers):
-        each = np.asarray(numbers)
-        fine = np.isfinite(each)
-        if zero is not None:
-            fine &= (each >= 0) if zero else (each > 0)
-        if not fine.all():
-            sign = "" if zero is None else " and >= 0" if zero else " and > 0"
-            raise ValueError(f"{name} must be finite{sign}, got {each[~fine].ravel()[0]}")
+    sign = "" if zero is None else " and >= 0" if zero else " and > 0"
+    check_all(f"{name} must be finite{sign}", numbers, lambda each: is_valid(each, zero))
     return numbers
 
 
@@ -163,8 +156,7 @@ def _centres(name: str, value: Any) -> Array:
     centre = real_array(name, value)
     if centre.ndim not in (1, 2) or centre.shape[-1] != 2 or not centre.size:
         raise ValueError(f"{name} must have shape (2,) or (n, 2), got {centre.shape}")
-    if is_concrete(centre) and not np.isfinite(np.asarray(centre)).all():
-        raise ValueError(f"{name} must be finite, got {centre}")
+    check_all(f"{name} must be finite", centre)
     return centre
 
 

@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._checks import (
+    check_all,
     check_kind,
     is_there,
     kind_of,
-    real_array,
-    require,
+    shaped_array,
     traceable,
 )
+from jaxbeam._results import replaced
 from jaxbeam._rotor.clock import Clock, Later
 from jaxbeam._rotor.motion import (
     Times,
@@ -29,7 +30,7 @@ from jaxbeam._rotor.points import PointForces
 from jaxbeam._rotor.span import Span
 from jaxbeam._rotor.spanwise import AbstractSpanwise, along, points_within, samples, taken
 from jaxbeam._status import Status
-from jaxbeam._types import Number, Scalar, Triple, is_concrete
+from jaxbeam._types import Number, Scalar, Triple
 
 _POINTS = 8  # points of each segment between kinks at which loads along the span are checked
 TipPart = Triple | Callable[[Scalar], Triple] | None
@@ -201,10 +202,7 @@ class Loads(eqx.Module):
         for name in ("changes", "jumps"):
             if (times := getattr(self, name)) is not None:
                 parts[name] = times - origin
-        loads: Loads = eqx.tree_at(
-            lambda s: tuple(getattr(s, name) for name in parts), self, tuple(parts.values())
-        )
-        return loads
+        return replaced(self, **parts)
 
     def change_times(self) -> Times:
         """The times that were given as `changes`."""
@@ -237,10 +235,7 @@ def _along_span(value: Any) -> Any:
         return value
     given = tuple(taken(name, part, True) for part in _three(name, value))
     for part in given:
-        numbers = samples(part)
-        if is_concrete(numbers):
-            values = np.asarray(numbers)
-            require(Status.INVALID_LOAD, bool(np.isfinite(values).all()), values)
+        check_all(Status.INVALID_LOAD, samples(part))
     return given
 
 
@@ -256,11 +251,8 @@ def _three(name: str, value: Any) -> tuple[Any, ...]:
 
 
 def _triple(name: str, value: Any) -> Triple:
-    vector = real_array(name, value)
-    if vector.shape != (3,):
-        raise ValueError(f"{name} must have shape (3,), got {vector.shape}")
-    if is_concrete(vector):
-        require(Status.INVALID_LOAD, bool(np.isfinite(np.asarray(vector)).all()), vector)
+    vector = shaped_array(name, value, (3,))
+    check_all(Status.INVALID_LOAD, vector)
     return vector
 
 

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import is_there, kind_of, real_array, traceable
-from jaxbeam._programs.lanes import append_axes, compute_once, matmul, matvec
+from jaxbeam._checks import check_all, is_there, kind_of, number_list, traceable
+from jaxbeam._programs.lanes import append_axes, matmul, matvec
 from jaxbeam._rotor.clock import Clock
 from jaxbeam._types import Number, Scalar, Triple, is_concrete
 
@@ -187,34 +187,29 @@ def skew(a: Triple) -> Float[Array, "3 3 *#lanes"]:
     return matvec(table, a).reshape(3, 3, *a.shape[1:])
 
 
-def axes(t: Triple, angle: Number) -> Float[Array, "3 3 *lanes"]:
-    """Axes of a section as rows: the unit tangent t, and a2 and a3 turned by the least rotation
-    from a1 to t, then about t by an angle. There is no least rotation where t is -a1."""
+def axes(t: Triple) -> Float[Array, "3 3 *lanes"]:
+    """Rows: a unit vector t, and what the least rotation of a1 to t makes of a2 and a3: it exists
+    unless t is -a1."""
     x, y, z = t
     # 1 / (1 + x): where x < 0 as (1 - x) / (1 - x^2), without cancellation.
     ahead = x > 0
     share = jnp.where(ahead, 1.0, 1 - x) / jnp.where(ahead, 1 + x, y * y + z * z)
     second = jnp.stack([-y, 1 - y * y * share, -y * z * share])
     third = jnp.stack([-z, -y * z * share, 1 - z * z * share])
-    cos, sin = (a[None] for a in compute_once((jnp.cos(angle), jnp.sin(angle))))
-    return jnp.stack([t, cos * second + sin * third, cos * third - sin * second])
+    return jnp.stack([t, second, third])
 
 
-def rotation_vector(t: Triple, angle: Number) -> Triple:
-    """The rotation vector, axis times angle in rad, of the rotation from a1, a2 and a3 to the
-    `axes` of a section with unit tangent t."""
+def rotation_vector(t: Triple) -> Triple:
+    """The least rotation that brings a1 to a unit vector t: its axis times its angle, in rad."""
     x, y, z = t
-    whole = jnp.sqrt(2 * jnp.maximum(1 + x, jnp.finfo(t.dtype).tiny))
+    real = jnp.sqrt(jnp.maximum(1 + x, jnp.finfo(t.dtype).tiny) / 2)  # cosine of half the angle
     # The least rotation, from a1 to t, as its axis times the sine of half its angle.
-    least = jnp.stack([jnp.zeros_like(x), -z, y]) / whole[None]
-    cos, sin = jnp.cos(angle / 2), jnp.sin(angle / 2)
-    real = cos * whole / 2
-    vector = cos[None] * least + sin[None] * ((whole / 2)[None] * t + cross(t, least))
-    square = jnp.sum(vector * vector, 0)
+    least = jnp.stack([jnp.zeros_like(x), -z, y]) / (2 * real)[None]
+    square = jnp.sum(least * least, 0)
     small = square < 1e-8
     size = jnp.sqrt(jnp.where(small, 1.0, square))
     near = (2 - square / 3 * (2 / real**2)) / real  # 2 atan(s / w) / s to second order in s
-    return jnp.where(small, near, 2 * jnp.arctan2(size, real) / size)[None] * vector
+    return jnp.where(small, near, 2 * jnp.arctan2(size, real) / size)[None] * least
 
 
 def hub_matrices(hub: Hub) -> tuple[Float[Array, "3 3 *#lanes"], Float[Array, "3 3 *#lanes"]]:
@@ -229,12 +224,9 @@ def no_times() -> Times:
 
 
 def time_list(name: str, given: Any) -> Times:
-    """An argument as an array (k,) of finite times; raises errors that name the argument."""
-    values = real_array(name, given) if is_there(given) else no_times()
-    if values.ndim != 1:
-        raise ValueError(f"{name} must be a list of real numbers, got shape {values.shape}")
-    if is_concrete(values) and not np.isfinite(np.asarray(values)).all():
-        raise ValueError(f"{name} must be finite")
+    """`given` as a list of finite real numbers, or the error that says which argument is wrong."""
+    values = number_list(name, given) if is_there(given) else no_times()
+    check_all(f"{name} must be finite", values)
     return values
 
 

@@ -9,18 +9,18 @@ from collections.abc import Sequence
 from typing import Any, Self
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import concrete_array, real_array, require
+from jaxbeam._checks import check_all, concrete_array, known_array, shaped_array
+from jaxbeam._results import replaced
 from jaxbeam._rotor.clock import Clock, Later
 from jaxbeam._rotor.motion import check_function_of_time, function_of_time
 from jaxbeam._rotor.parameters import Parameters
 from jaxbeam._rotor.spanwise import AbstractSpanwise, Property, along, at_ends, samples
 from jaxbeam._status import Status
-from jaxbeam._types import Number, Scalar, is_concrete
+from jaxbeam._types import Number, Scalar
 
 WIDTH = 1e-6  # width of a box, over the length of the beam
 _DIGITS = 12  # digits to which ends of boxes are rounded, so that equal ones compare as equal
@@ -71,7 +71,7 @@ class PointMasses(Parameters):
 
     def __init__(self, places: Any, masses: Any) -> None:
         self.places = checked_places(places)
-        self.masses = _kept("masses", masses)
+        self.masses = jnp.atleast_1d(known_array("masses", masses))
         if self.masses.shape != (len(self.places),):
             raise ValueError(
                 f"masses must be as many as places, {len(self.places)}, got shape "
@@ -99,15 +99,8 @@ class PointForces(eqx.Module):
             check_function_of_time("forces", forces, shape)
             self.forces = function_of_time(forces)
             return
-        self.forces = real_array("forces", forces)
-        if self.forces.shape != shape:
-            raise ValueError(
-                f"forces must have shape {shape}, three components for each place, got "
-                f"{self.forces.shape}"
-            )
-        if is_concrete(self.forces):
-            values = np.asarray(self.forces)
-            require(Status.INVALID_LOAD, bool(np.isfinite(values).all()), values)
+        self.forces = shaped_array("forces", forces, shape, ", three components for each place")
+        check_all(Status.INVALID_LOAD, self.forces)
 
     @property
     def boxes(self) -> Boxes:
@@ -115,11 +108,9 @@ class PointForces(eqx.Module):
         return Boxes.about(self.places)
 
     def since(self, clock: Clock) -> "PointForces":
-        """The forces as functions of the time since the origin of a clock."""
-        if not callable(self.forces):
-            return self
-        later: PointForces = eqx.tree_at(lambda s: s.forces, self, Later(self.forces, clock))
-        return later
+        """Forces by a clock that shows zero at its origin."""
+        forces = self.forces
+        return replaced(self, forces=Later(forces, clock)) if callable(forces) else self
 
     def along_span(self, t: Scalar, xi: np.ndarray, length: Number) -> Float[Array, "p 3"]:
         """Force per length at time t and places x / L, in N/m."""
@@ -182,11 +173,3 @@ def checked_places(given: Any) -> tuple[float, ...]:
             "place is one point"
         )
     return tuple(places.tolist())
-
-
-def _kept(name: str, values: Any) -> Float[Array, " k"]:
-    """Numbers as an array, which is concrete if they are, also within a function that is traced."""
-    if not is_concrete(values):
-        return jnp.atleast_1d(real_array(name, values))
-    with jax.ensure_compile_time_eval():
-        return jnp.atleast_1d(real_array(name, values))

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 SIXES = np.triu_indices(6)
+_UNSYMMETRIC = 1e-6  # of the geometric mean of diagonal entries
 _PLACE = np.zeros((6, 6), int)
 _PLACE[SIXES] = np.arange(21)
 _PLACE = np.maximum(_PLACE, _PLACE.T)
@@ -23,6 +24,15 @@ def full_matrices(rows: Float[Array, "n 21"]) -> Float[Array, "n 6 6"]:
 def upper_triangles(matrices: Float[Array, "n 6 6"]) -> Float[Array, "n 21"]:
     """Upper triangles of the symmetric parts of matrices, 21 entries row by row."""
     return ((matrices + matrices.swapaxes(1, 2)) / 2)[:, SIXES[0], SIXES[1]]
+
+
+def unsymmetric(matrices: Float[np.ndarray, "n 6 6"]) -> tuple[int, ...] | None:
+    """The place of the first entry that differs from its mirror image by more than rounding, of the
+    geometric mean of the two on the diagonal; None where there is none."""
+    own = np.sqrt(np.abs(np.einsum("nii->ni", matrices)))
+    apart = np.abs(matrices - matrices.swapaxes(1, 2))
+    found = np.argwhere(apart > _UNSYMMETRIC * own[:, :, None] * own[:, None])
+    return tuple(found[0].tolist()) if len(found) else None
 
 
 class AbstractSections(eqx.Module):

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.small import inverses
+from jaxbeam._results import replaced
 from jaxbeam._rotor.beam_sections import STIFF_IN_SHEAR
 from jaxbeam._rotor.blade import Blade
 from jaxbeam._rotor.engineering import at_centres
@@ -35,7 +35,7 @@ def centred(blade: Blade) -> Blade:
     centre = jnp.stack([-inertia[:, 0, 5], inertia[:, 0, 4]], 1) / mass
     back = at_centres(-centre, -centre)
     inertia = back.swapaxes(1, 2) @ inertia @ back
-    return eqx.tree_at(lambda b: b.inertia, _with(blade, compliance), upper_triangles(inertia))
+    return replaced(_with(blade, compliance), inertia=upper_triangles(inertia))
 
 
 def stiff_in_shear(blade: Blade) -> Blade:
@@ -52,7 +52,7 @@ def stiff_in_shear(blade: Blade) -> Blade:
 def straight(blade: Blade) -> Blade:
     """The blade with a straight axis of the same length."""
     along = np.asarray(blade.axis_stations)[:, None] * np.eye(3)[:1]
-    return eqx.tree_at(lambda b: b.axis, blade, blade.length * along)
+    return replaced(blade, axis=blade.length * along)
 
 
 WITHOUT: dict[str, Callable[[Blade], Blade]] = {
@@ -61,8 +61,7 @@ WITHOUT: dict[str, Callable[[Blade], Blade]] = {
 
 
 def _with(blade: Blade, compliance: _SixBySix) -> Blade:
-    rows = upper_triangles(inverses(compliance))
-    return eqx.tree_at(lambda b: b.stiffness, blade, rows)
+    return replaced(blade, stiffness=upper_triangles(inverses(compliance)))
 
 
 def _compliance_at_centres(blade: Blade) -> tuple[_SixBySix, _SixBySix]:

@@ -2,6 +2,7 @@
 
 import abc
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, Self
 
@@ -13,12 +14,12 @@ from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
 from jaxbeam._checks import (
+    check_all,
     concrete_array,
-    is_concrete_valid,
+    is_valid,
     kind_of,
-    real_array,
+    known_array,
     real_scalar,
-    require,
     traceable,
 )
 from jaxbeam._status import Status
@@ -76,35 +77,15 @@ class Spanwise(AbstractSpanwise):
     steps: tuple[float, ...] = eqx.field(static=True)
 
     def __init__(self, stations: Sequence[float], values: Any) -> None:
-        places = concrete_array("stations", stations)
-        if is_concrete(values):  # keep them concrete within functions that are traced
-            with jax.ensure_compile_time_eval():
-                self.values = real_array("values", values)
-        else:
-            self.values = real_array("values", values)
-        if places.ndim != 1 or places.size < 2:
-            raise ValueError(f"stations must be two or more in a row, got shape {places.shape}")
-        if self.values.shape != places.shape:
+        self.stations = checked_stations("stations", stations)
+        self.values = known_array("values", values)
+        count = len(self.stations)
+        if self.values.shape != (count,):
             raise ValueError(
-                f"values must be as many as stations, {places.size}, got shape {self.values.shape}"
+                f"values must be as many as stations, {count}, got shape {self.values.shape}"
             )
-        if not (places[0] == 0 and places[-1] == 1):
-            raise ValueError(
-                f"stations must go from 0 to 1 (x / L), got {places[0]:g} to {places[-1]:g}"
-            )
-        for i, step in enumerate(np.diff(places)):
-            if not step >= 0:  # also for NaN
-                raise ValueError(
-                    f"stations must not decrease, got {places[i]:g} and then {places[i + 1]:g} "
-                    f"at number {i + 2}"
-                )
-            if i and step == 0 and places[i - 1] == places[i]:
-                raise ValueError(f"stations: more than two are equal, at x / L = {places[i]:g}")
-        if places[1] == 0 or places[-2] == 1:
-            raise ValueError("stations: a step must be between the ends, not at 0 or 1")
-        self.stations = tuple(places.tolist())
         self.kinks = tuple(sorted(set(self.stations[1:-1])))
-        self.steps = tuple(places[1:][np.diff(places) == 0].tolist())
+        self.steps = steps_of(self.stations)
 
     def at(self, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
         left, share = between(self.stations, np.asarray(xi, float))
@@ -176,7 +157,33 @@ class SpanwiseFunction(AbstractSpanwise):
         return self.at(points_within(edges)[0])
 
 
-Property = Any  # Scalar | AbstractSpanwise, left to users as they gave it
+def checked_stations(name: str, given: Any, steps: bool = True) -> tuple[float, ...]:
+    """Places x / L that go from 0 to 1 and do not decrease, two that are equal being a step between
+    the ends; or increase, where there are no `steps`; else an error that says where they do not."""
+    places = concrete_array(name, given)
+    if places.ndim != 1 or places.size < 2:
+        raise ValueError(f"{name} must be two or more in a row, got shape {places.shape}")
+    if not (places[0] == 0 and places[-1] == 1):
+        raise ValueError(f"{name} must go from 0 to 1 (x / L), got {places[0]:g} to {places[-1]:g}")
+    for i, (before, here) in enumerate(itertools.pairwise(places.tolist()), 1):
+        if not (here >= before if steps else here > before):  # NaN is neither
+            how = "not decrease" if steps else "increase"
+            raise ValueError(
+                f"{name} must {how}, got {before:g} and then {here:g} at number {i + 1}"
+            )
+        if i > 1 and here == before == places[i - 2]:
+            raise ValueError(f"{name}: more than two are equal, at x / L = {here:g}")
+    if places[1] == 0 or places[-2] == 1:
+        raise ValueError(f"{name}: a step must be between the ends, not at 0 or 1")
+    return tuple(places.tolist())
+
+
+def steps_of(stations: tuple[float, ...]) -> tuple[float, ...]:
+    """Stations that are there twice."""
+    return tuple(here for before, here in itertools.pairwise(stations) if here == before)
+
+
+Property = Any  # Scalar | AbstractSpanwise: whoever gave numbers gets numbers back
 
 
 def along(value: Property, xi: Float[Array | np.ndarray, " p"]) -> Float[Array, " p"]:
@@ -263,9 +270,9 @@ def check(status: Status, value: Property, zero: bool | None, most: float | None
     if not is_concrete(numbers):  # a function that closes over traced numbers
         return
     numbers = np.asarray(numbers)
-    fine = is_concrete_valid(numbers, zero, most)
+    fine = is_valid(numbers, zero, most)
     if isinstance(value, Spanwise) and not np.all(fine):
         i = int(np.argmin(fine))
         place = f"{numbers[i]} at station {i + 1}, x / L = {value.stations[i]:g}"
         raise ValueError(f"{status.message}, got {place}")
-    require(status, bool(np.all(fine)), numbers if numbers.ndim == 0 else numbers[~fine])
+    check_all(status, numbers, lambda _: fine)

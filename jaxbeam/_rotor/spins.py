@@ -11,9 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import kind_of, positive, real_array, real_scalar
+from jaxbeam._checks import check_all, increase, kind_of, positive, real_scalar, shaped_array
+from jaxbeam._results import replaced
 from jaxbeam._rotor.motion import Spin, Times, no_times, time_list
-from jaxbeam._types import Real, Scalar, Triple, is_concrete
+from jaxbeam._types import Real, Scalar, Triple
 
 
 def inclined_axis(angle: Real) -> Triple:
@@ -31,13 +32,8 @@ def inclined_axis(angle: Real) -> Triple:
 def _axis(axis: Any) -> Triple:
     if axis is None:
         return jnp.asarray([0.0, 0.0, 1.0], jnp.result_type(float))
-    vector = real_array("axis", axis)
-    if vector.shape != (3,):
-        raise ValueError(f"axis must have shape (3,), got {vector.shape}")
-    if is_concrete(vector):
-        length = float(np.linalg.norm(np.asarray(vector)))
-        if not abs(length - 1) < 1e-6:
-            raise ValueError(f"axis must be a unit vector, got length {length}")
+    vector = shaped_array("axis", axis, (3,))
+    check_all("axis must be a unit vector", vector, lambda x: abs(np.linalg.norm(x) - 1) < 1e-6)
     return vector
 
 
@@ -219,8 +215,7 @@ class TabulatedSpeed(Spin):
                 "times and speeds must be two or more numbers each, equally many: got shapes "
                 f"{self.times.shape} and {s.shape}"
             )
-        if is_concrete(self.times) and not (np.diff(self.times) > 0).all():
-            raise ValueError("times of a tabulated speed must increase")
+        check_all("times of a tabulated speed must increase", self.times, increase)
         self.axis, self.smooth = _axis(axis), smooth
         h = jnp.diff(self.times)
         rise = jnp.diff(s) / h
@@ -250,8 +245,7 @@ class TabulatedSpeed(Spin):
 
     def since(self, origin: Scalar) -> "TabulatedSpeed":
         """The table with other times: the difference of times that are close is exact."""
-        table: TabulatedSpeed = eqx.tree_at(lambda s: s.times, self, self.times - origin)
-        return table
+        return replaced(self, times=self.times - origin)
 
     def _piece(self, t: Scalar) -> tuple[Scalar, Scalar, Array, Scalar]:
         """The piece of the table at t: time since it began, time before or after the table,

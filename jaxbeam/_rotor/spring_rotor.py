@@ -27,7 +27,14 @@ class SpringRotor(Parameters):
     Raises `TypeError` for what is no real number, and `ValueError` for what is not allowed.
     """
 
-    varies: ClassVar[bool] = False  # it has no span along which properties could vary
+    # What it has not, and is asked for as any rotor is.
+    varies: ClassVar[bool] = False
+    pitch: ClassVar[None] = None
+    precone: ClassVar[None] = None
+    root_springs: ClassVar[None] = None
+    root_support: ClassVar[None] = None
+    tip_support: ClassVar[None] = None
+    springs: ClassVar[tuple[None, None]] = (None, None)
     mass: Scalar = parameter(Status.INVALID_MASS)
     length: Scalar = parameter(Status.INVALID_LENGTH)
     hub_radius: Scalar = parameter(Status.INVALID_HUB_RADIUS, zero=None)

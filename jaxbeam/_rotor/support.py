@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxbeam._checks import real_array
+from jaxbeam._checks import shaped_array
 from jaxbeam._rotor.parameters import FULL_TURN, Parameters, optional
 from jaxbeam._status import Status
 from jaxbeam._types import Number, Real, Scalar
@@ -80,12 +80,7 @@ class Support(Parameters):
     ) -> None:
         self._take({**locals(), "attitude": None})
         if attitude is not None:
-            self.attitude = real_array("attitude", attitude)
-            if self.attitude.shape != (3,):
-                raise ValueError(
-                    "attitude must be a rotation vector of three numbers in rad, got shape "
-                    f"{self.attitude.shape}"
-                )
+            self.attitude = shaped_array("attitude", attitude, (3,), ", a rotation vector in rad")
 
     @property
     def springs(self) -> tuple[Number | None, ...]:

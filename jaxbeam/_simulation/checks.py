@@ -6,10 +6,9 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
-from jaxbeam._checks import check_kind, kind_of, real_array, require
+from jaxbeam._checks import check_all, check_kind, increase, kind_of, number_list, shaped_array
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
@@ -21,7 +20,7 @@ from jaxbeam._rotor.loads import Loads, in_plane, loads_in_range
 from jaxbeam._rotor.motion import Hub, Motion
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Code, Scalar, is_concrete
+from jaxbeam._types import Code, Scalar
 
 # Motion of the hub, load at the tip, and moments of the force along the span as of
 # `Loads.span_moments`, or None.
@@ -100,24 +99,18 @@ def check_scene(
 
 
 def checked_times(times: Any) -> Array:
-    times = real_array("times", times)
-    if times.ndim != 1 or times.size < 2:
-        raise ValueError(f"times must be a list of two or more numbers, got shape {times.shape}")
-    if is_concrete(times):
-        values = np.asarray(times)
-        require(Status.INVALID_TIMES, bool(np.isfinite(values).all()), values)
-        require(Status.INVALID_TIMES, bool((np.diff(values) > 0).all()), values)
+    times = number_list("times", times, least=2)
+    check_all(Status.INVALID_TIMES, times, increase)
     return times
 
 
 def checked_start(model: AbstractModel, start: Any) -> State:
     """The start with zero work, if it is a state of this model; raises otherwise."""
     check_kind("start", start, State)
-    parts = [real_array(f"start.{name}", getattr(start, name)) for name in ("q", "v")]
-    for name, part, n in zip(("q", "v"), parts, model.sizes, strict=True):
-        if part.shape != (n,):
-            raise ValueError(f"start.{name} must have shape ({n},), got {part.shape}")
-    return State(*parts)
+    sizes = dict(zip(("q", "v"), model.sizes, strict=True))
+    return State(
+        *(shaped_array(f"start.{name}", getattr(start, name), (n,)) for name, n in sizes.items())
+    )
 
 
 _KINDS = {

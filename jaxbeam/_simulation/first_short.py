@@ -15,21 +15,31 @@ from jaxbeam._status import Status
 STEPS = 4000
 
 
+def quick_first(
+    program: Program, short: tuple[Any, ...], given: tuple[Any, ...], is_whole: bool
+) -> Any:
+    """The result, which has a `status`, of a program by the arguments that are `given`: at first
+    one that is compiled quickly, by arguments that make a run `short`, if the whole run is not or
+    ends before; then one that is compiled well."""
+    if program.for_call(*short) is program.quick is not program.well:
+        result = program.quick(*short)
+        if is_whole or result.status != Status.MAX_STEPS:
+            return result
+        program.enough(*short)
+    return program.at_length(*given)
+
+
 def first_short(program: Program, max_steps: int | None, *given: Any) -> Simulation:
     """The result of a run by a program of arguments `given` and a number of steps: by the quickly
     compiled program first, unless the run is longer than that is worth, or calls back to the user,
     who would see it run twice."""
     solver, _, _, saveat, _, event, meter = given[7:14]
-    ours = isinstance(solver, SecondOrderSolver)
-    few = STEPS if max_steps is None else min(STEPS, max_steps)
-    seen = not (ours and saveat is None and event is None and meter is None)
     result: Simulation
-    if not seen and program.for_call(*given, few) is program.quick is not program.well:
-        result = program.quick(*given, few)
-        if few == max_steps or result.status != Status.MAX_STEPS:
-            stats = {**result.solution.stats, "max_steps": max_steps}
-            solution: diffrax.Solution = dataclasses.replace(result.solution, stats=stats)
-            return dataclasses.replace(result, solution=solution)
-        program.enough(*given, few)
-    result = program.at_length(*given, max_steps)
-    return result
+    if not isinstance(solver, SecondOrderSolver) or not (saveat is event is meter is None):
+        result = program.at_length(*given, max_steps)
+        return result
+    few = STEPS if max_steps is None else min(STEPS, max_steps)
+    result = quick_first(program, (*given, few), (*given, max_steps), few == max_steps)
+    solution: diffrax.Solution = result.solution
+    stats = {**solution.stats, "max_steps": max_steps}
+    return dataclasses.replace(result, solution=dataclasses.replace(solution, stats=stats))

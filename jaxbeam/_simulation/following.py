@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._programs.lanes import pairwise_sum
-from jaxbeam._results import without_derivatives
+from jaxbeam._results import replaced, without_derivatives
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._simulation.step_limits import StepLimits
 from jaxbeam._solvers.steps import WEIGHTS, inputs_along, length
@@ -50,9 +50,8 @@ class _Following(diffrax.AbstractStepSizeController):
         self.controller, self.step_limits = controller, step_limits
 
     def wrap(self, direction: Any) -> Any:
-        """The controller itself, where diffrax asks for one by the direction of time: runs go
-        forwards."""
-        return eqx.tree_at(lambda s: s.controller, self, self.controller.wrap(direction))
+        """The controller itself, as diffrax asks for it: runs go forwards."""
+        return replaced(self, controller=self.controller.wrap(direction))
 
     def init(
         self, terms: Any, t0: Any, t1: Any, y0: State, dt0: Any, args: Scene, *rest: Any

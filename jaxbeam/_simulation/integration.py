@@ -13,7 +13,7 @@ from jax.tree_util import Partial
 from jaxtyping import Array
 
 from jaxbeam._numerics.brackets import halved
-from jaxbeam._results import without_derivatives
+from jaxbeam._results import replaced, without_derivatives
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._simulation.step_limits import during
 from jaxbeam._solvers.adjoint import run
@@ -58,21 +58,16 @@ class Calendar(NamedTuple):
         )
         path = solution.interpolation
         dense = None if path is None else _Dense(path, self.origin)
-        out: diffrax.Solution = eqx.tree_at(
-            lambda s: (s.t0, s.t1, s.ts, s.interpolation), solution, (t0, t1, ts, dense),
-            is_leaf=lambda x: x is None,
-        )  # fmt: skip
-        return out
+        return replaced(solution, t0=t0, t1=t1, ts=ts, interpolation=dense)
 
     def saved(self, sub: diffrax.SubSaveAt, scene: Scene) -> diffrax.SubSaveAt:
         """A `SubSaveAt` of diffrax with times since the origin, whose function gets times by the
         user's clock."""
         if sub.fn is not _SAVE_STATE:
-            sub = eqx.tree_at(lambda s: s.fn, sub, Partial(_by_clock, sub.fn, self.origin))
+            sub = replaced(sub, fn=Partial(_by_clock, sub.fn, self.origin))
         if sub.ts is None:
             return sub
-        times = _after_jumps(scene, sub.ts - self.origin, self.since[-1])
-        return eqx.tree_at(lambda s: s.ts, sub, times)
+        return replaced(sub, ts=_after_jumps(scene, sub.ts - self.origin, self.since[-1]))
 
     def controller(self, given: Any) -> Any:
         """A controller of diffrax with its declared times, if any, counted since the origin."""
@@ -80,14 +75,12 @@ class Calendar(NamedTuple):
             return diffrax.StepTo(given.ts - self.origin)
         if not isinstance(given, diffrax.ClipStepSizeController):
             return given
-        moved = (
+        steps, jumps = (
             None if times is None else times - self.origin
             for times in (given.step_ts, given.jump_ts)
         )  # fmt: skip
-        return eqx.tree_at(
-            lambda c: (c.step_ts, c.jump_ts, c.controller), given,
-            (*moved, self.controller(given.controller)), is_leaf=lambda leaf: leaf is None,
-        )  # fmt: skip
+        within = self.controller(given.controller)
+        return replaced(given, step_ts=steps, jump_ts=jumps, controller=within)
 
 
 def _after_jumps(scene: Scene, times: Array, end: Scalar) -> Array:
@@ -229,7 +222,7 @@ def by_diffrax(
     if watched:
         # States between outputs, for the balance of energy.
         watch = diffrax.SubSaveAt(ts=during(times), fn=lambda t, y, args: without_derivatives(y))
-        saveat = eqx.tree_at(lambda s: s.subs, saveat, (saveat.subs, watch))
+        saveat = replaced(saveat, subs=(saveat.subs, watch))
         event = diffrax.Event(_runaway) if event is None else event
     solution = diffrax.diffeqsolve(
         SecondOrderSystem.term(solver), solver, times[0], times[-1], dt0, y0, scene, saveat=saveat,
@@ -242,8 +235,7 @@ def by_diffrax(
     assert solution.ts is not None
     assert solution.ys is not None
     (ts, seen), (ys, states) = solution.ts, solution.ys
-    own = eqx.tree_at(lambda s: (s.ts, s.ys), solution, (ts, ys), is_leaf=lambda x: x is None)
-    return calendar.dated(own), (seen, states)
+    return calendar.dated(replaced(solution, ts=ts, ys=ys)), (seen, states)
 
 
 class _Dense(diffrax.AbstractPath):
@@ -285,13 +277,12 @@ def held_within(saveat: diffrax.SaveAt, times: Array) -> tuple[diffrax.SaveAt, A
         if sub.ts is None:
             return sub
         within &= jnp.all((sub.ts >= times[0]) & (sub.ts <= times[-1]))
-        ts = jnp.clip(jnp.nan_to_num(sub.ts), times[0], times[-1])
-        return eqx.tree_at(lambda s: s.ts, sub, ts)
+        return replaced(sub, ts=jnp.clip(jnp.nan_to_num(sub.ts), times[0], times[-1]))
 
     return _each(held, saveat), within
 
 
 def _each(change: Callable[[diffrax.SubSaveAt], diffrax.SubSaveAt], saveat: Any) -> diffrax.SaveAt:
     subs = jax.tree.map(change, saveat.subs, is_leaf=lambda s: isinstance(s, diffrax.SubSaveAt))
-    out: diffrax.SaveAt = eqx.tree_at(lambda s: s.subs, saveat, subs, is_leaf=lambda s: s is None)
-    return out
+    changed: diffrax.SaveAt = replaced(saveat, subs=subs)
+    return changed

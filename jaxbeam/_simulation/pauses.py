@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxbeam._results import without_derivatives
+from jaxbeam._results import replaced, without_derivatives
 from jaxbeam._rotor.clock import place
 from jaxbeam._rotor.motion import Times
 from jaxbeam._types import Scalar
@@ -65,12 +65,9 @@ class Pauses(eqx.Module):
         self.jumps = _places(jumps, self.last, "right") > _places(jumps, self.first, "left")
 
     def since(self, origin: Scalar) -> "Pauses":
-        """Pauses with times counted since `origin`."""
-        pauses: Pauses = eqx.tree_at(
-            lambda s: (s.first, s.last, s.end), self,
-            (self.first - origin, self.last - origin, self.end - origin),
-        )  # fmt: skip
-        return pauses
+        """Pauses by a clock that shows zero at time `origin`."""
+        first, last, end = (times - origin for times in (self.first, self.last, self.end))
+        return replaced(self, first=first, last=last, end=end)
 
     def ahead(self, t: Scalar) -> Scalar:
         """The next declared time after t; infinite if the run ends before or at it."""

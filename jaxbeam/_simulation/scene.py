@@ -17,7 +17,7 @@ from jaxbeam._numerics.kinematics import Kinematics
 from jaxbeam._numerics.linalg import inverse
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._programs.lanes import pairwise_sum
-from jaxbeam._results import without_derivatives
+from jaxbeam._results import replaced, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.clock import Clock, Later, place
 from jaxbeam._rotor.damping import Damping
@@ -78,12 +78,10 @@ class Scene(SecondOrderSystem):
             span = SpanLoad(span.integral, Later(span.density, clock))
         between = None if self.between is None else (self.between[0], pauses.latest)
         jumps = tuple(times - origin for times in self.jumps)
-        scene: Scene = eqx.tree_at(
-            lambda s: (s.motion, s.loads, s.span, s.pauses, s.between, s.jumps), self,
-            (self.motion.since(origin), self.loads.since(origin), span, pauses, between, jumps),
-            is_leaf=lambda leaf: leaf is None,
-        )  # fmt: skip
-        return scene
+        motion, loads = self.motion.since(origin), self.loads.since(origin)
+        return replaced(
+            self, motion=motion, loads=loads, span=span, pauses=pauses, between=between, jumps=jumps
+        )
 
     def within(self, t0: Scalar, t1: Scalar | None = None) -> "Scene":
         """The scene of a step from t0 to t1, which asks for what jumps there on its own side."""
@@ -92,9 +90,7 @@ class Scene(SecondOrderSystem):
         t0, latest = without_derivatives((t0, self.between[1]))
         if t1 is not None:
             latest = jnp.minimum(latest, self.pauses.before(without_derivatives(t1)))
-        earliest = self.pauses.after(t0)
-        scene: Scene = eqx.tree_at(lambda s: s.between, self, (earliest, latest))
-        return scene
+        return replaced(self, between=(self.pauses.after(t0), latest))
 
     @property  # type: ignore[misc]
     def mass(self) -> Matrix | BlockTridiagonal | SmallMatrix:  # type: ignore[override]
@@ -105,15 +101,14 @@ class Scene(SecondOrderSystem):
         equations = self.equations.kernel
         if equations is None:
             return None
-        without: Scene = eqx.tree_at(
-            lambda s: (
-                s.equations, s.span, s.inverse_mass, s.motion, s.pauses, s.between,
-                s.jumps, s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length,
-                s.loads.changes, s.loads.jumps, s.loads.point_forces,
-            ),
-            self, (equations, *(None,) * 12), is_leaf=lambda leaf: leaf is None,
+        loads = replaced(
+            self.loads, tip_force=None, tip_moment=None, force_per_length=None, changes=None,
+            jumps=None, point_forces=None,
         )  # fmt: skip
-        return without
+        return replaced(
+            self, equations=equations, loads=loads, span=None, inverse_mass=None, motion=None,
+            pauses=None, between=None, jumps=None,
+        )  # fmt: skip
 
     @property
     def work_unit(self) -> Number:
@@ -134,27 +129,18 @@ class Scene(SecondOrderSystem):
         gravity, loads = self.loads.gravity, self.loads
         hub = eqx.filter_closure_convert(lambda t: self.motion.hub(t, gravity), t)
         motion = TracedMotion(hub, self.motion.change_times(), self.motion.jump_times())
-        own = (converted(part, t) for part in (loads.tip_force, loads.tip_moment))
+        force, moment = (converted(part, t) for part in (loads.tip_force, loads.tip_moment))
+        loads = replaced(
+            loads, tip_force=force, tip_moment=moment, force_per_length=None, point_forces=None
+        )
         span = self.span
         if span is not None:
             span = SpanLoad(span.integral, eqx.filter_closure_convert(span.density, t))
-        scene: Scene = eqx.tree_at(
-            lambda s: (
-                s.motion, s.loads.tip_force, s.loads.tip_moment, s.loads.force_per_length,
-                s.loads.point_forces, s.span,
-            ),
-            self, (motion, *own, None, None, span),
-            is_leaf=lambda leaf: leaf is None,
-        )  # fmt: skip
-        return scene
+        return replaced(self, motion=motion, loads=loads, span=span)
 
     def with_inverse(self) -> "Scene":
         """The scene for a solver that asks for accelerations at every stage."""
-        mass = inverse(self.mass)
-        scene: Scene = eqx.tree_at(
-            lambda s: s.inverse_mass, self, mass, is_leaf=lambda leaf: leaf is None
-        )
-        return scene
+        return replaced(self, inverse_mass=inverse(self.mass))
 
     def _within(self, t: Scalar) -> Scalar:
         """The time t, or where a step ends or begins at a jump there, a moment before or after
@@ -238,10 +224,7 @@ class Scene(SecondOrderSystem):
         return self.equations.stage_kinematics(q, v, g)
 
     def force(self, x: Inputs, q: Vector, v: Vector) -> Vector:
-        hub, tip_force, span = x
-        out = self.equations.force(hub, q, v, tip_force)
-        if span is not None:
-            out = out + span.on(self.equations, q)
+        out = self.equations.force_under(x, q, v)
         return out - self.equations.as_force(q, self._damping(q, v))
 
     def _damping(self, q: Vector, v: Vector) -> Vector:
@@ -249,11 +232,7 @@ class Scene(SecondOrderSystem):
         return self.equations.damping(q, v, self.damping)
 
     def tangents(self, x: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
-        hub, tip_force, span = x
-        k, c = self.equations.tangents(hub, q, v, tip_force)
-        by_span = None if span is None else span.tangent(self.equations, q)
-        if by_span is not None:
-            k = k + by_span
+        k, c = self.equations.tangents_under(x, q, v)
         if not self.damping.is_none:
             dk, dc = self.equations.damping_tangents(q, v, self.damping)
             k, c = k + dk, c + dc

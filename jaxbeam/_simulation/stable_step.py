@@ -9,17 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from jaxbeam._checks import count_functions, kind_of, positive, real_scalar
+from jaxbeam._checks import check_all, count_functions, kind_of, positive, real_scalar
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.door import checked_case
 from jaxbeam._modes.modes import find
 from jaxbeam._modes.wanted import lowest
+from jaxbeam._numerics.brackets import halved
 from jaxbeam._programs.program import Program
-from jaxbeam._results import InHertz, finish, harmless, nan_unless
+from jaxbeam._results import InHertz, finish, harmless, nan_unless, replaced
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._solvers.system import SecondOrderSystem, State
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Code, Matrix, Real, Scalar, is_concrete
+from jaxbeam._types import Code, Matrix, Real, Scalar
 
 # Angles per step, in rad, that are searched. Explicit methods of s stages become unstable before s
 # - 1; methods that are stable up to 1e3 count as always stable.
@@ -83,7 +84,7 @@ def _checked(solver: Any) -> diffrax.AbstractSolver:
         # The root finder of a solver may take its tolerances from a step-size controller; here is
         # none.
         tight = diffrax.VeryChord(rtol=1e-12, atol=1e-12)
-        solver = eqx.tree_at(lambda s: s.root_finder, solver, tight)
+        solver = replaced(solver, root_finder=tight)
     return solver
 
 
@@ -164,8 +165,7 @@ def stable_step(
     solver = _checked(solver)
     count_functions("steps", steps, 1)
     growth = real_scalar("growth", growth)
-    if is_concrete(growth) and not 1 < growth < np.inf:
-        raise ValueError(f"growth must be finite and > 1, got {growth}")
+    check_all("growth must be finite and > 1", growth, lambda x: (x > 1) & (x < np.inf))
     model, rotor, speed = checked_case(model, rotor, angular_speed)
     found = find(model, rotor, speed, lowest(model, len(model.directions)), judged=False)
     frequency = jnp.max(found.frequency)
@@ -188,14 +188,9 @@ def _limit(solver: diffrax.AbstractSolver, rate: Scalar) -> Scalar:
         factor, done = _factor(solver, angle, jnp.zeros_like(angle))
         return ~(done & (jnp.log(factor) <= rate))  # false, that is unstable, for NaN
 
-    def narrow(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
-        angles, limited = state
-        unstable = jax.vmap(grows)(angles)
-        first = jnp.argmax(unstable)
-        below = jnp.where(first > 0, angles[first - 1], 0.0)
-        shares = np.arange(1, _ANGLES.size + 1) / _ANGLES.size
-        return below + (angles[first] - below) * shares, limited & jnp.any(unstable)
-
-    start = jnp.asarray(_ANGLES, rate.dtype), jnp.asarray(True)
-    angles, limited = jax.lax.fori_loop(0, 4, narrow, start)  # narrowed to 1e-12, relatively
-    return jnp.where(limited, angles[-1], jnp.inf)
+    angles = jnp.asarray(_ANGLES, rate.dtype)
+    unstable = jax.vmap(grows)(angles)
+    first = jnp.argmax(unstable)
+    stable = jnp.where(first > 0, angles[first - 1], 0.0)
+    _, angle = halved(lambda angle: ~grows(angle), stable, angles[first], 44)  # to rounding
+    return jnp.where(jnp.any(unstable), angle, jnp.inf)

@@ -31,7 +31,7 @@ from jaxbeam._numerics.brackets import Looks
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
-from jaxbeam._results import InHertz, finish, nan_unless, without_derivatives
+from jaxbeam._results import InHertz, finish, nan_unless, replaced, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.damping import NO_DAMPING
 from jaxbeam._rotor.directions import Direction, is_hinged, naming
@@ -156,7 +156,7 @@ def _critical(model: AbstractModel, rotor: AnyRotor, speed: Scalar, loads: Loads
     few = jnp.where(there, status_of_shape(model, rotor, place.x), Status.OK)
     status = first_failure(status, searched, few)
     exists = there & (status == Status.OK)
-    place = eqx.tree_at(lambda place: place.exists, place, exists)
+    place = replaced(place, exists=exists)
     factor, shape = answer(place, given, found, status)
     frequency, there = jnp.zeros_like(factor), status == Status.OK
     if isinstance(place, LostPlace):
@@ -246,8 +246,8 @@ def _unit(model: AbstractModel, given: _Given, k: Matrix) -> tuple[Scalar, Scala
     softness = -lowest_eigenpair(-soft, jnp.eye(len(soft), dtype=soft.dtype))[0]
     clamped = _softness(model, rotor, softness)
     yields = jnp.clip(softness / clamped, 1.0, _MOST_YIELDING)
-    if isinstance(rotor, Rotor) and rotor.tip_support is not None:
-        softness = jnp.maximum(softness, clamped)  # buckling need not move the tip
+    if rotor.tip_support is not None:
+        softness = jnp.maximum(softness, clamped)  # the tip need not move where a beam buckles
     span = loads.span_moments(jnp.zeros_like(speed), equations.length)
     parts: Any = (
         (loads.tip_force, 1.0),
@@ -293,7 +293,7 @@ def _buckling(model: AbstractModel, given: _Given) -> tuple[Scalar, Code, Abstra
     # Loads that are tension everywhere never buckle a beam, unless its smooth functions have
     # compression beside a step of tension.
     pulls = only_pull(given[2], model.equations(given[0]).length)
-    if isinstance(given[0], Rotor) and given[0].tip_support is not None:
+    if given[0].tip_support is not None:
         pulls = jnp.asarray(False)  # its tip may be pushed against
     found = end.found & ~pulls
     factor = jnp.where(found, end.value, jnp.inf)

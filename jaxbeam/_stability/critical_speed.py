@@ -32,7 +32,7 @@ from jaxbeam._models.contract.loaded import Conditions, checked_potential, guard
 from jaxbeam._numerics.brackets import Looks
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._programs.program import Program
-from jaxbeam._results import finish, without_derivatives
+from jaxbeam._results import finish, replaced, without_derivatives
 from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.damping import NO_DAMPING
 from jaxbeam._rotor.directions import Direction, naming
@@ -318,7 +318,7 @@ def _with_weak_springs(rotor: AnyRotor, weak: Number | float) -> AnyRotor:
     beam = rotor.beam.mean
     weak = weak * beam.in_plane_bending_stiffness / beam.length
     held = jax.tree.map(lambda k: jnp.where(k < weak / 10, weak, k), rotor.root_springs)
-    return eqx.tree_at(lambda r: r.root_springs, rotor, held)
+    return replaced(rotor, root_springs=held)
 
 
 def _without_weak_springs(

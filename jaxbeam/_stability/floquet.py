@@ -41,7 +41,7 @@ from jaxbeam._numerics.linalg import (
 )
 from jaxbeam._programs.program import Program
 from jaxbeam._results import finish, harmless, nan_unless, without_derivatives
-from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.damping import NO_DAMPING, Damping, damping_in_range
 from jaxbeam._rotor.directions import Direction, loose_motions
 from jaxbeam._rotor.loads import in_plane
@@ -134,8 +134,8 @@ def _checked(
 
 
 def refuse_cone(rotor: AnyRotor) -> None:
-    """Raise `ValueError` for a coned beam, whose steady state changes with a speed that varies."""
-    if isinstance(rotor, Rotor) and rotor.precone is not None:
+    """Raise `ValueError` for a coned beam, which a speed that varies bends to and fro."""
+    if rotor.precone is not None:
         raise ValueError("precone: small motion about a modulated speed is of beams without a cone")
 
 

@@ -17,19 +17,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxbeam._numerics.brackets import Bracket, Looks, first_change
-from jaxbeam._numerics.linalg import solve
+from jaxbeam._numerics.brackets import Bracket, Looks, change_between, first_change
+from jaxbeam._numerics.newton import find_root
 from jaxbeam._programs.batches import one_by_one
-from jaxbeam._stability.singular import AbstractPlace
+from jaxbeam._stability.singular import AbstractPlace, border_of
 from jaxbeam._status import Status
 from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 # Imaginary part of 1 / mu, over its size, from which on two modes count as having met.
 _MEETS = 1e-5
 _CLOSE = 2.0**-31
-_NEWTON_STEPS = 5
-_SECANTS = 5  # relative distance of the two first loads of the secants
-_APART = 1e-5
+_APART = 1e-5  # relative, on either side of a load that halving found, to where it lies for sure
 
 # A function of the case and the factor of loads that returns mass and stiffness.
 Matrices = Callable[[Any, Scalar], tuple[Matrix, Matrix]]
@@ -101,21 +99,14 @@ class LostPlace(AbstractPlace):
 
         def h(share: Scalar) -> Scalar:
             """The scalar of the bordered system, by mu over that which is known."""
-            border = jnp.block([[k - share * m, left[:, None]], [right[None], jnp.zeros((1, 1))]])
-            return solve(border, jnp.zeros(len(border)).at[-1].set(1.0))[-1]
+            return border_of(k - share * m, left, right)
 
-        def slope(share: Scalar) -> Scalar:
-            return jnp.where(both, jax.jvp(h, (share,), (jnp.ones_like(share),))[1], share)
+        def slope(share: Vector, _: Any = None) -> Vector:
+            return jnp.where(both, jax.jvp(h, (share[0],), (one,))[1], share[0])[None]
 
-        def search(_: Any, share: Scalar) -> Scalar:
-            for _ in range(_NEWTON_STEPS):
-                value, rate = jax.jvp(slope, (share,), (jnp.ones_like(share),))
-                share = share - value / rate
-            return share
-
-        start = jnp.where(both, 1.0, 0.0) * jnp.ones_like(value)
-        share = jax.lax.custom_root(slope, start, search, lambda g, y: y / g(jnp.ones_like(y)))
-        return jnp.where(self.exists, h(share), value - 1.0)
+        one = jnp.ones_like(value)
+        share = find_root(slope, jnp.where(both, one, 0.0)[None])[0]
+        return jnp.where(self.exists, h(share[0]), value - 1.0)
 
 
 def first_lost(
@@ -141,15 +132,12 @@ def first_lost(
 
 
 def polished(place: LostPlace, given: Any, value: Scalar) -> Scalar:
-    """The load to rounding, by secants of the function h of `LostPlace.bordered`."""
+    """The load to rounding, where h changes its sign; NaN where it does not near the value."""
 
-    def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-        old, old_h, new = state
-        h = place.bordered(given, new)
-        change = jnp.where(h == old_h, 0.0, h * (new - old) / jnp.where(h == old_h, 1.0, h - old_h))
-        # A change larger than the last one comes from rounding: then the iteration has ended.
-        return new, h, new - jnp.where(jnp.abs(change) < jnp.abs(new - old), change, 0.0)
+    def h(load: Scalar) -> Scalar:
+        return place.bordered(given, load)
 
-    near = value * (1 - _APART)
-    start = near, place.bordered(given, near), value
-    return jax.lax.fori_loop(0, _SECANTS, body, start)[2]
+    low, high = value * (1 - _APART), value * (1 + _APART)
+    at_low, at_high = jax.lax.map(h, jnp.stack([low, high]))
+    exact = change_between(h, (low, high), (at_low, at_high))
+    return jnp.where(at_low * at_high <= 0, exact, jnp.nan)

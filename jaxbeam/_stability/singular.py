@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.contract.base import AbstractModel
-from jaxbeam._numerics.brackets import Bracket, Looks, first_change
+from jaxbeam._numerics.brackets import Bracket, Looks, first_change, root
 from jaxbeam._numerics.linalg import lowest_eigenpair, solve
 from jaxbeam._results import nan_unless
 from jaxbeam._rotor.beam import AnyRotor
@@ -52,39 +52,21 @@ class AbstractPlace(eqx.Module):
         # In a case without a singular stiffness any regular problem will do.
         k = scale[:, None] * self.stiffness(given, value) * scale[None]
         k = jnp.where(self.exists, k, jnp.eye(x.size))
-        system = jnp.block([[k, border[:, None]], [border[None], jnp.zeros((1, 1))]])
-        solution = solve(system, jnp.zeros(x.size + 1).at[-1].set(1.0))
-        return jnp.where(self.exists, solution[-1], value - 1.0)
+        return jnp.where(self.exists, border_of(k, border, border), value - 1.0)
 
 
-@eqx.filter_custom_jvp
-def root(place: AbstractPlace, given: Any, value: Scalar) -> Scalar:
-    """The value of the parameter, with its derivatives as the root of f by all that is `given`:
-    only where they are asked for is f looked at."""
-    return value
-
-
-@root.def_jvp
-def _root_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Scalar, Scalar]:
-    place, given, value = primals
-    # The function itself is called here, so that this rule can be differentiated again.
-    value = root(*primals)
-    _, change = jax.linearize(place.bordered, given, value)
-    still = jax.tree.map(jnp.zeros_like, given)
-    rates = jax.tree.map(lambda t, z: z if t is None else t, tangents[1], still, is_leaf=_is_none)
-    slope = change(still, jnp.ones_like(value))
-    return value, -change(rates, jnp.zeros_like(value)) / slope
-
-
-def _is_none(x: Any) -> bool:
-    return x is None
+def border_of(k: Matrix, left: Vector, right: Vector) -> Scalar:
+    """The scalar f of the bordered system [[K, left], [right^T, 0]] (x, f) = (0, 1)."""
+    system = jnp.block([[k, left[:, None]], [right[None], jnp.zeros((1, 1))]])
+    scalar: Scalar = solve(system, jnp.zeros(left.size + 1).at[-1].set(1.0))[-1]
+    return scalar
 
 
 def answer(place: AbstractPlace, given: Any, value: Scalar, status: Code) -> tuple[Scalar, Vector]:
     """The critical value, differentiable by all that is `given`, infinite where there is none, and
     the shape that gives way, largest entry 1; NaN where the status is not OK."""
     x, exists = place.x, place.exists
-    value = root(place, given, jnp.where(exists, value, 1.0))
+    value = root(place.bordered, given, jnp.where(exists, value, 1.0))
     value = nan_unless(status == Status.OK, jnp.where(exists, value, jnp.inf))
     return value, jnp.where(exists, x / x[jnp.argmax(jnp.abs(x))], jnp.nan)
 

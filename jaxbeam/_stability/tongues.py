@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from jaxbeam._checks import count_functions, positive, real_array
+from jaxbeam._checks import check_all, count_functions, increase, number_list, positive
 from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.door import checked_case
 from jaxbeam._models.contract.drag import drag_of
@@ -26,7 +26,7 @@ from jaxbeam._rotor.directions import Direction, Label
 from jaxbeam._rotor.spins import ModulatedSpeed
 from jaxbeam._stability.floquet import Reduced, half, left_by, modulation_status, refuse_cone
 from jaxbeam._status import Status, first_broken, first_failure
-from jaxbeam._types import Code, Matrix, Real, Scalar, Vector, is_concrete
+from jaxbeam._types import Code, Matrix, Real, Scalar, Vector
 
 
 class Tongue(InHertz, eqx.Module):
@@ -107,13 +107,8 @@ def tongue(
         )
     count_functions("order", order, least=1)
     count_functions("steps", steps, least=2)
-    depths = real_array("depths", depths)
-    if depths.ndim != 1 or depths.size == 0:
-        raise ValueError(f"depths must be a list of numbers, got shape {depths.shape}")
-    if is_concrete(depths):
-        values = np.asarray(depths)
-        if not (np.isfinite(values).all() and values[0] > 0 and (np.diff(values) > 0).all()):
-            raise ValueError(f"depths must be finite, positive and increasing, got {values}")
+    depths, rule = number_list("depths", depths), "depths must be finite, positive and increasing"
+    check_all(rule, depths, lambda x: (x > 0).all() & increase(x))
     speed = positive("mean", mean)
     damping = checked_damping(damping, (model, rotor))
     share = jnp.asarray(float(order))  # an array, so that another order needs no new program

@@ -629,7 +629,7 @@ def test_bad_histories_and_problems_are_named():
             jb.Hybrid(0, 1, 0), slender(), jb.ConstantSpeed(1.0), times, measured, 0.1, **kwargs
         )
 
-    with pytest.raises(ValueError, match="times must be a list of two or more"):
+    with pytest.raises(ValueError, match="times must be a list of 2 or more"):
         history([0.0], [0.0])
     with pytest.raises(ValueError, match="times must be finite and increasing"):
         history([0.0, 2.0, 1.0], [0.0, 0.0, 0.0])

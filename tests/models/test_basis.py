@@ -78,7 +78,6 @@ def test_roots_against_multiple_precision():
 def test_integrals_against_adaptive_quadrature(basis):
     n, ns = (6, 7) if isinstance(basis, basis_module.HermiteElements) else (5, 4)
     f, g = basis_module.bending_integrals(basis, n), basis_module.stretch_integrals(basis, ns)
-    c = basis_module.coupling_integral(basis, n, ns)
     t = (lambda x: 1 + 0 * x, lambda x: 1 - x, lambda x: (1 - x**2) / 2)
 
     def check(got, integrand):
@@ -105,10 +104,6 @@ def test_integrals_against_adaptive_quadrature(basis):
     check(f.mass, lambda x: outer(*[one(basis.bending, n, "value", x)] * 2))
     check(f.curvature, lambda x: outer(*[one(basis.bending, n, "curvature", x)] * 2))
     check(g.mass, lambda x: outer(*[one(basis.stretch, ns, "value", x)] * 2))
-    check(
-        c,
-        lambda x: outer(one(basis.bending, n, "value", x), one(basis.stretch, ns, "value", x)),
-    )
 
 
 def test_hermite_shapes_interpolate_cubics():

@@ -96,7 +96,7 @@ def test_those_of_a_file_and_those_that_are_wrong():
     assert jb.Damping(section_coefficients=None).are_none
     with pytest.raises(ValueError, match=r"damping\.section_coefficients: Hybrid has no full sec"):
         jb.modes(jb.Hybrid(), jb.Rotor(jb.Beam(1.0, 1.0, 1e4, 4.0, 1.0)), 1.0, damping=damping)
-    with pytest.raises(ValueError, match=r"section_coefficients must be six, .* shape \(5,\)"):
+    with pytest.raises(ValueError, match=r"section_coefficients must have shape \(6,\), .* \(5,\)"):
         jb.Damping(section_coefficients=[0.1] * 5)
     with pytest.raises(ValueError, match="damping must be finite and >= 0"):
         jb.Damping(section_coefficients=[0.1] * 5 + [-1.0])

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxbeam._numerics.brackets import Looks, first_change, halved
+from jaxbeam._numerics.brackets import Looks, change_between, first_change, halved, root
 
 
 def test_halved_intervals_hold_the_place():
@@ -37,3 +37,28 @@ def test_the_first_change_is_found_in_each_case(signs):
     assert np.all(ended)
     np.testing.assert_allclose(value[1:], np.pi / 2 / k[1:], rtol=1e-11)
     assert np.all(tries < (80 if signs else 50))
+
+
+def test_a_change_between_two_places_is_found_to_rounding():
+    """Of x^3 - c from either side, at an end and where the function jumps; and how it goes with c,
+    twice: c^(1/3) / 3c and -2/9 c^(1/3) / c^2."""
+
+    def found(c, low, high):
+        ends = low, high
+        place = change_between(lambda x: x**3 - c, ends, tuple(x**3 - c for x in ends))
+        return root(lambda c, x: x**3 - c, c, jax.lax.stop_gradient(place))
+
+    low, high = jnp.array([-1.0, 3.0, -1.0, 2.0]), jnp.array([2.0, -7.0, 2.0, 5.0])
+    c = jnp.array([1.7, -40.0, -1.0, 8.0])
+    second = jax.grad(jax.grad(found))
+    value, slope, bend = jax.jit(jax.vmap(lambda *x: (found(*x), jax.grad(found)(*x), second(*x))))(
+        c, low, high
+    )
+    exact = np.cbrt(c)
+    np.testing.assert_allclose(value, exact, rtol=4e-16)
+    np.testing.assert_allclose(slope, exact / 3 / c, rtol=1e-14)
+    np.testing.assert_allclose(bend, -2 / 9 * exact / c**2, rtol=1e-14)
+    jump = change_between(
+        lambda x: jnp.sign(x - 0.3), (jnp.asarray(-1.0), jnp.asarray(2.0)), (-1, 1)
+    )
+    np.testing.assert_allclose(jump, 0.3, rtol=1e-14)

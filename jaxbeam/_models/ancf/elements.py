@@ -40,11 +40,11 @@ from jaxbeam._models.ancf.nodes import (
     quarter_turned,
 )
 from jaxbeam._models.ancf.sections import PlanarEnds, Sections, body_mass
+from jaxbeam._models.ancf.strained import Parts, force_of, gradient_of
 from jaxbeam._models.bases.basis import Functions, hermite
 from jaxbeam._models.contract.damping_data import Dampers
 from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.span_integrals import ElementSpanIntegral
-from jaxbeam._models.contract.strained import Parts, force_of, gradient_of
 from jaxbeam._numerics.blocks import BlockTridiagonal, padded
 from jaxbeam._programs.lanes import append_axes, pairwise_sum, sum_of_products
 from jaxbeam._rotor.beam import Rotor

@@ -12,7 +12,7 @@ axial strain:
                    (`exact.py`)
     Model 0        t.r' - 1 and curvature n.r'' in a frame that moves with the element
 
-Viscous forces follow from the rates of the same strains and curvatures: see `strained.py`.
+Viscous forces follow from the rates of the same strains and curvatures: see `damping_data.py`.
 
 Where EA and EI vary along an element, they have a number each at every point of integration, and
 `Parts` integrates from kink to kink.
@@ -33,7 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxbeam._models.contract.strained import Strained, gradient_of
+from jaxbeam._models.ancf.strained import Strained, gradient_of
 from jaxbeam._programs.lanes import append_axes, pairwise_sum, sum_of_products
 from jaxbeam._types import Number
 
@@ -97,7 +97,6 @@ class Element(Strained):
     are numbers at the Gauss points, (g, *lanes).
     """
 
-    axes: ClassVar[int] = 2
     is_conservative: ClassVar[bool] = True  # whether `force` is the gradient of `energy`
     tears: ClassVar[bool] = False  # whether steady states end where the rod tears
     bending: Number  # EI / (EA L^2)

@@ -28,10 +28,11 @@ from jaxbeam._models.ancf.energies import (
     rule,
 )
 from jaxbeam._models.ancf.nodes import assembled
+from jaxbeam._models.ancf.strained import Parts, Strained, gradient_of
 from jaxbeam._models.bases.basis import hermite
-from jaxbeam._models.contract.strained import EndSprings, Parts, holding
-from jaxbeam._programs.lanes import append_axes, sum_of_products
+from jaxbeam._programs.lanes import append_axes, sum_of_products, transposed
 from jaxbeam._programs.platforms import loops_are_dear
+from jaxbeam._results import replaced
 from jaxbeam._rotor.beam import Beam, Rotor
 from jaxbeam._rotor.ends import TipBody
 from jaxbeam._rotor.spanwise import Property, along
@@ -75,15 +76,14 @@ def _stacked(quadratures: list[Rule]) -> Rule:
     return Rule(*map(np.stack, zip(*quadratures, strict=True)))
 
 
-def each_element(function: Callable[..., Array], arguments: tuple[Any, ...], axes: int) -> Array:
-    """The results of a function for every element, whose arguments `of` have a first axis of
-    elements.
+def each_element(function: Callable[..., Array], arguments: tuple[Any, ...]) -> Array:
+    """The results of a function for every element, whose arguments have a first axis of elements.
 
-    Where the last argument has lanes, that is more than `axes` axes, elements go one after the
-    other: intermediate results stay in the cache, and XLA does not fuse the loops over lanes with
-    later operations. On a GPU, where loops are slow, all elements go at once.
+    Where the last argument (E, 2, 4, *lanes) has lanes, elements go one after the other:
+    intermediate results stay in the cache, and XLA does not fuse the loops over lanes with later
+    operations. On a GPU, where loops are slow, all elements go at once.
     """
-    if arguments[-1].ndim > axes and not loops_are_dear():
+    if arguments[-1].ndim > 3 and not loops_are_dear():
         # In reverse mode intermediate results are computed again, not kept.
         result = jax.checkpoint(lambda element: function(*element), prevent_cse=False)
         return jax.lax.map(result, arguments)
@@ -148,13 +148,13 @@ class Sections(eqx.Module):
         """The results of a function of law, mass and coordinates (2, 4, *lanes) for every
         element."""
         if self.parts is None:
-            return each_element(lambda *local: function(self.law, self.mass, *local), local, 3)
-        # The quadratures are attached here and not in the law, whose arrays have axes of lanes.
+            return each_element(lambda *local: function(self.law, self.mass, *local), local)
+        # Attached here, since lanes are behind the axes of the law's numbers only.
         rule_of_parts = rules(self.parts)
         law: Any = self.law
         if rule_of_parts is not None:
             law = Parts(dataclasses.replace(law, part=rule_of_parts))
-        return each_element(function, (law, self.mass, *local), 3)
+        return each_element(function, (law, self.mass, *local))
 
     def mass_product(self, mass: Array, field: Float[Array, "2 4 *lanes"]) -> Array:
         """The product of an element's int N N^T dm and nodal values of a field, (2, 4, *lanes)."""
@@ -189,9 +189,10 @@ def body_mass(body: TipBody, length: Number) -> Float[Array, "2 2"]:
     return jnp.stack([body.mass, arm, arm, by_slope]).reshape(2, 2)
 
 
-class PlanarEnds(EndSprings):
-    """Elastic energy of springs at the ends, by the displacement gradients d = r' - a1 there, with
-    components in the order a2, a1.
+class PlanarEnds(Strained):
+    """Springs at both ends, with strains of the displacement gradients d = r' - a1 at root and tip
+    (2, 2, *lanes), components in the order a2, a1, each by one of these alone, and the energy sum
+    k s^2 / 2.
 
     A spring at the root has the energy k phi^2 / 2, phi the angle of the tangent. Where a body is
     at the tip, the energy 10 n EA L eps^2 / 2, of n elements, keeps r' of the end a unit vector:
@@ -206,20 +207,57 @@ class PlanarEnds(EndSprings):
 
     def __init__(self, rotor: Rotor, axial_stiffness: Number, n_elements: int) -> None:
         self.spring, _ = rotor.springs
-        self.hold = holding(rotor, axial_stiffness, n_elements)
+        hold = 10 * n_elements * axial_stiffness * rotor.beam.length
+        self.hold = hold if rotor.tip_body.is_body else None
 
     def damped_by(self, dampers: tuple[Number | None, Number | None]) -> Self:
-        ends: Self = eqx.tree_at(
-            lambda s: (s.spring, s.hold), self, (dampers[0], None), is_leaf=lambda s: s is None
-        )
-        return ends
+        """The ends with dampers in the place of springs, and nothing at the tip; their force is
+        `viscous` of these ends."""
+        return replaced(self, spring=dampers[0], hold=None)
 
     @property
     def stiffness(self) -> list[Number]:
+        """Stiffness of each of the springs that are there."""
         return [k for k in (self.spring, self.hold) if k is not None]
 
+    @property
+    def are_plain(self) -> bool:
+        """Whether there are no springs."""
+        return not self.stiffness
+
     def strains(self, e: Float[Array, "2 2 *lanes"]) -> list[Number]:
-        """The angle at the root and the elongation at the tip."""
+        """The angle at the root and the elongation at the tip, of springs that are there."""
         root, tip = e
         angle = [] if self.spring is None else [jnp.arctan2(root[0], 1 + root[1])]
         return angle if self.hold is None else [*angle, elongation(tip)]
+
+    def stresses(self, strains: list[Number]) -> list[Number]:
+        return [k * s for k, s in zip(self.stiffness, strains, strict=True)]
+
+    def energy(self, d: Float[Array, "2 2 *lanes"]) -> Number:
+        energy = jnp.zeros_like(d[0, 0])
+        for k, s in zip(self.stiffness, self.strains(d), strict=True):
+            energy = energy + k * s**2 / 2
+        return energy
+
+    def force(self, d: Float[Array, "2 2 *lanes"]) -> Float[Array, "2 2 *lanes"]:
+        return gradient_of(self.energy)(d)
+
+    def tangent(self, d: Float[Array, "2 2 *lanes"]) -> Float[Array, "2 2 2 *lanes"]:
+        """The tangent d force / dd of each end."""
+        return self.derivative(self.force, d)
+
+    def viscous_tangents(self, e: Array, rate: Array) -> tuple[Array, Array]:
+        return (
+            self.derivative(lambda e: self.viscous(e, rate), e),
+            self.derivative(lambda rate: self.viscous(e, rate), rate),
+        )
+
+    @transposed(on=False)
+    def derivative(
+        self, function: Callable[[Array], Array], e: Array
+    ) -> Float[Array, "2 2 2 *lanes"]:
+        """The derivative of each force by its own gradient; there is none by the other."""
+        push, units = jax.linearize(function, e)[1], jnp.eye(e.shape[1], dtype=e.dtype)[:, None]
+        along = jnp.broadcast_to(append_axes(units, e.ndim - 2), (e.shape[1], *e.shape))
+        return jax.vmap(push, out_axes=2)(along)

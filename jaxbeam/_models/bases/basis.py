@@ -339,14 +339,6 @@ def stretch_integrals(basis: Basis, n: int) -> Integrals:
     return _integrals(basis.stretch(n, xi), xi, w, basis.stretch(n, np.ones(1)))
 
 
-@functools.lru_cache(maxsize=64)
-def coupling_integral(basis: Basis, n_bending: int, n_stretch: int) -> Float[_Array, "nb ns"]:
-    """int f g^T over [0, 1] of bending functions f with stretch functions g."""
-    xi, w = basis.quadrature(max(n_bending, n_stretch))
-    f, g = basis.bending(n_bending, xi).value, basis.stretch(n_stretch, xi).value
-    return f.T @ (w[:, None] * g)
-
-
 def _integrals(f: Functions, xi: _Array, w: _Array, end: Functions) -> Integrals:
     def gram(table: _Array, weight: _Array) -> _Array:
         product = table.T @ (weight[:, None] * table)

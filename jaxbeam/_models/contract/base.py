@@ -150,7 +150,7 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def judged(self, rotor: TheRotor) -> bool:
         """Whether too few functions are a failure, as where the user has not chosen their
         number."""
-        return isinstance(rotor, Rotor) and rotor.varies
+        return rotor.varies
 
     def most_error(self, rotor: TheRotor, speed: Scalar) -> Any:
         """The largest `frequency_error`, relative, that is no failure of a model that is judged."""

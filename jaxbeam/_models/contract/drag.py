@@ -1,6 +1,5 @@
 """Damping as the equations of one beam have it: ratios of modes and dampers as matrices."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -12,13 +11,12 @@ from jaxbeam._models.contract.base import AbstractModel
 from jaxbeam._models.contract.damping_data import Drag
 from jaxbeam._models.contract.equations import Equations
 from jaxbeam._models.contract.labelling import assigned, participation, uncoupled
-from jaxbeam._models.contract.linear_system import LinearSystem
 from jaxbeam._numerics.linalg import symmetric_modes
 from jaxbeam._numerics.loose import symmetric_part
 from jaxbeam._results import without_derivatives
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.damping import Damping
-from jaxbeam._rotor.directions import Direction, coupling_groups, loose_motions
+from jaxbeam._rotor.directions import coupling_groups, loose_motions
 from jaxbeam._types import Matrix, Vector
 
 
@@ -45,24 +43,22 @@ def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
     speed = damping.ratio_speed
     system = model.matrices(rotor, jnp.zeros(()) if speed is None else speed)
     out = jnp.zeros_like(system.mass)
-    for directions in _held_together(system, rotor):
-        ratios = [damping.ratios.get(direction) for direction in directions]
+    # Together those directions that are coupled by stiffness or mass.
+    groups = coupling_groups(rotor)
+    every = [way for first, second in groups for way in (first, *((way,) for way in second))]
+    for directions in every:
+        part = system.part(*directions)
+        ratios = [damping.ratios.get(direction) for direction in part.directions]
         if all(ratio is None for ratio in ratios):
             continue
-        rows = system.where(*directions)
-        own = np.ix_(rows, rows)
-        m, k = (symmetric_part(a[own]) for a in (system.mass, system.stiffness))
+        m, k = symmetric_part(part.mass), symmetric_part(part.stiffness)
         free = loose_motions(rotor)
         found = without_derivatives(symmetric_modes(*without_derivatives((m, k)), free))
         phi, square = _pairs(m, k, found, jnp.sum(found * (found @ k), 1))
-        sizes = [system.where(direction).size for direction in directions]
-        each = zip(ratios, sizes, strict=True)
+        each = zip(ratios, part.sizes, strict=True)
         ratio = jnp.concatenate([_by_number(ratio, size) for ratio, size in each])
-        if len(sizes) > 1:
-            along = None if system.taken_along is None else system.taken_along[own]
-            heavy = uncoupled(m, k, directions, sizes, free, bent=False, taken_along=along)
-            share = participation(phi, heavy)
-            ratio = ratio[assigned(share)]
+        if len(part.sizes) > 1:
+            ratio = ratio[assigned(participation(phi, uncoupled(part, free, bent=False)))]
         moves = square > 0
         omega = jnp.where(moves, jnp.sqrt(jnp.where(moves, square, 1.0)), 0.0)
         # A mode that diverges has no frequency, and its ratio no meaning: NaN makes the case fail.
@@ -70,7 +66,7 @@ def _modal(damping: Damping, model: AbstractModel, rotor: AnyRotor) -> Matrix:
         lost = (square < -rounding) & (ratio > 0)
         rate = jnp.where(lost, jnp.nan, 2 * ratio * omega)
         heavy = phi @ m
-        out = out.at[own].add(heavy.T @ (rate[:, None] * heavy))
+        out = out.at[np.ix_(part.rows, part.rows)].add(heavy.T @ (rate[:, None] * heavy))
     return out
 
 
@@ -90,15 +86,6 @@ def _pairs_jvp(primals: Any, tangents: Any) -> tuple[tuple[Matrix, Vector], tupl
     mixing = (stiffer - square[:, None] * heavier) / jnp.where(same, 1.0, apart)
     mixing = jnp.where(same, 0.0, mixing) - jnp.diag(jnp.diag(heavier)) / 2
     return (phi, square), (mixing @ phi, jnp.diag(stiffer) - square * jnp.diag(heavier))
-
-
-def _held_together(system: LinearSystem, rotor: AnyRotor) -> Iterator[tuple[Direction, ...]]:
-    """Groups of directions of the system that stiffness or mass couple."""
-    for transverse, quadrature in coupling_groups(rotor):
-        for directions in (transverse, *((direction,) for direction in quadrature)):
-            there = tuple(f for f in directions if system.where(f).size)
-            if there:
-                yield there
 
 
 def _by_number(ratio: Array | None, size: int) -> Float[Array, " k"]:

@@ -134,12 +134,22 @@ class Equations(eqx.Module):
         self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
     ) -> tuple[Matrix, Matrix, Matrix]:
         """Matrices of mass, of rates and of stiffness for small motion about a state of rest."""
-        k, c = self.tangents(hub, q, jnp.zeros_like(q), tip_force)
-        by_span = None if span is None else span.tangent(self, q)
-        if by_span is not None:
-            k = k + by_span
+        k, c = self.tangents_under((hub, tip_force, span), q, jnp.zeros_like(q))
         m, c, k = (self.generalised(q, a) for a in (self.mass, c, k))
         return m, c, k
+
+    def force_under(self, inputs: Inputs, q: Vector, v: Vector) -> Vector:
+        """The force f of these inputs, a force along the span included."""
+        hub, tip_force, span = inputs
+        force = self.force(hub, q, v, tip_force)
+        return force if span is None else force + span.on(self, q)
+
+    def tangents_under(self, inputs: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
+        """Stiffness and damping of `force_under`, as of `tangents`."""
+        hub, tip_force, span = inputs
+        k, c = self.tangents(hub, q, v, tip_force)
+        by_span = None if span is None else span.tangent(self, q)
+        return k if by_span is None else k + by_span, c
 
     def damping_matrix_about(self, q: Vector, drag: Drag) -> Matrix:
         """The matrix of damping in small motion about a state of rest."""
@@ -271,14 +281,14 @@ class Equations(eqx.Module):
     def section_axes(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3 3"]:
         """Rows: the tangent and the axes of `curvature`, in hub axes, of sections at x = xi L."""
         r = self.direction(q, xi).T
-        return jnp.moveaxis(axes(r / jnp.linalg.norm(r, axis=0)[None], self.torsion(q, xi)), 2, 0)
+        return jnp.moveaxis(axes(r / jnp.linalg.norm(r, axis=0)[None]), 2, 0)
 
     def rotation(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
         """Rotation of sections at x = xi L from where they are in the undeformed beam, as the axis
         times the angle in rad: along the beam, about a3 and about -a2, these leaned with it."""
         beam = self.section_axes(jnp.zeros_like(q), np.zeros(1))[0]
         along = beam @ self.section_axes(q, xi)[:, 0].T
-        about, lowering, lag = rotation_vector(along, self.torsion(q, xi))
+        about, lowering, lag = rotation_vector(along)
         return jnp.stack([about, lag, -lowering], 1)
 
     def tip_energy(self, body: Tip, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:

@@ -39,30 +39,20 @@ def equilibrium(
     rest = jnp.zeros(equations.mass.shape[0], equations.length.dtype)
     scale = equations.energy_scale / equations.length
 
-    def share(fraction: Scalar | float) -> tuple[Hub, Any]:
-        """A fraction of the load: the motion of the hub and the load at the tip, scaled."""
-        root = jnp.sqrt(fraction)  # inertia forces are quadratic in velocities
+    def share(fraction: Scalar | float) -> tuple[Hub, Any, Any]:
+        """A share of the load: the motion of the hub, and what acts at the tip and the span."""
+        root = jnp.sqrt(fraction)  # loads are quadratic in the velocities, linear in all else
         part = Hub(
             root * hub.velocity, root * hub.angular_velocity, fraction * hub.velocity_rate,
             fraction * hub.angular_velocity_rate, fraction * hub.gravity,
         )  # fmt: skip
-        return part, jax.tree.map(lambda part: fraction * part, tip_force)
+        return part, *jax.tree.map(lambda part: fraction * part, (tip_force, span))
 
     def residual(q: Vector, fraction: Scalar | float = 1.0) -> Vector:
-        part, force = share(fraction)
-        q = equations.length * q
-        out = equations.force(part, q, rest, force)
-        if span is not None:
-            out = out + fraction * span.on(equations, q)
-        return -out / scale
+        return -equations.force_under(share(fraction), equations.length * q, rest) / scale
 
     def jacobian(q: Vector, fraction: Scalar) -> Any:
-        part, force = share(fraction)
-        q = equations.length * q
-        k = equations.tangents(part, q, rest, force)[0]
-        by_span = None if span is None else span.tangent(equations, q)
-        if by_span is not None:
-            k = k + fraction * by_span
+        k, _ = equations.tangents_under(share(fraction), equations.length * q, rest)
         return (equations.length / scale) * k
 
     # A support of the size of the loads on the undeformed beam, in proportion to its mass matrix.

@@ -9,17 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Inexact, Int
 
+from jaxbeam._models.contract.linear_system import SystemPart
 from jaxbeam._numerics.linalg import solve_columns, symmetric_modes
 from jaxbeam._numerics.loose import shift, symmetric_part
 from jaxbeam._rotor.directions import Direction
 
 
-def uncoupled(
-    m: Array, k: Array, directions: Sequence[Direction], sizes: Sequence[int], free: int,
-    bent: bool, taken_along: Float[Array, "n n"] | None = None,
-) -> Float[Array, "n n"]:  # fmt: skip
-    """The products M v of the uncoupled modes v, of unit modal mass, as columns, for coordinates
-    ordered by direction with these `sizes`.
+def uncoupled(part: SystemPart, free: int, bent: bool) -> Float[Array, "n n"]:
+    """The products M v of the uncoupled modes v of a part of a system, of unit modal mass, as
+    columns.
 
     Modes are uncoupled by direction, but some motions follow others statically. About states that
     are `bent` axial motion follows bending, since a bent beam that only moved across would stretch.
@@ -28,40 +26,41 @@ def uncoupled(
     `LinearSystem`) is part of the direction of the root: flap about an inclined hinge pitches the
     beam without torsion.
     """
+    m, k, taken_along = part.mass, symmetric_part(part.stiffness), part.taken_along
     if taken_along is not None:
         rigid = jnp.eye(len(m), dtype=m.dtype) + taken_along
         m, k = (symmetric_part(rigid.T @ a @ rigid) for a in (m, k))
-    ends = np.cumsum([0, *sizes])
-    places = {f: slice(*each) for f, each in zip(directions, itertools.pairwise(ends), strict=True)}
+    ends = itertools.pairwise(np.cumsum([0, *part.sizes]))
+    places = {f: slice(*each) for f, each in zip(part.directions, ends, strict=True)}
     axial = places.get(Direction.AXIAL)
     every = np.arange(len(m))
-    alike: dict[int, list[Any]] = {}  # directions by size: those of one size share a program
-    for direction, part in places.items():
-        unit = jnp.eye(len(m), dtype=m.dtype)[:, part]
+    alike: dict[int, list[Any]] = {}  # those of one size are one program
+    for direction, own in places.items():
+        unit = jnp.eye(len(m), dtype=m.dtype)[:, own]
         follows = every[:0]
         if direction == Direction.TORSION:
-            follows = np.setdiff1d(every, every[part])
+            follows = np.setdiff1d(every, every[own])
         elif bent and axial is not None and direction != Direction.AXIAL:
             follows = every[axial]
         if not follows.size:
-            heavy, inertia, stiffness = unit @ m[part, part], m[part, part], k[part, part]
+            heavy, inertia, stiffness = unit @ m[own, own], m[own, own], k[own, own]
         else:
-            own = np.ix_(follows, follows)
-            along = k[own]
-            if free:  # motions that may have no stiffness
-                along = along + shift(m[own], along, free) * m[own]
-            with_it = solve_columns(along, k[follows, part])
+            both = np.ix_(follows, follows)
+            along = k[both]
+            if free:  # which nothing may hold
+                along = along + shift(m[both], along, free) * m[both]
+            with_it = solve_columns(along, k[follows, own])
             moved = unit - jnp.eye(len(m), dtype=m.dtype)[:, follows] @ with_it
             heavy = m @ moved
             inertia, stiffness = (symmetric_part(moved.T @ a @ moved) for a in (m, k))
-        alike.setdefault(unit.shape[1], []).append((part, heavy, inertia, stiffness))
+        alike.setdefault(unit.shape[1], []).append((own, heavy, inertia, stiffness))
     out = jnp.zeros_like(m)
     for each in alike.values():
         stacks = tuple(jnp.stack([one[i] for one in each]) for i in (2, 3))
         found = jax.lax.map(lambda pair: symmetric_modes(pair[0], pair[1], free), stacks)
-        for (part, heavy, *_), v in zip(each, found, strict=True):
-            out = out.at[:, part].set(heavy @ v.T)
-    # With N = `taken_along`, N N = 0: the inverse of 1 + N is 1 - N.
+        for (own, heavy, *_), v in zip(each, found, strict=True):
+            out = out.at[:, own].set(heavy @ v.T)
+    # What takes others along is taken along by nothing: the inverse of 1 + N is 1 - N.
     return out if taken_along is None else out - taken_along.T @ out
 
 

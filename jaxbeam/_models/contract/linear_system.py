@@ -1,5 +1,7 @@
 """Matrices of small motion about a steady state."""
 
+from typing import Any, NamedTuple
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
@@ -7,6 +9,19 @@ from jaxtyping import Array, Float
 from jaxbeam._models.bases.shapes import Shapes
 from jaxbeam._rotor.directions import APART, CouplingGroup, Direction
 from jaxbeam._types import Code, Matrix, Scalar
+
+
+class SystemPart(NamedTuple):
+    """Coordinates of some directions, direction by direction: which of all they are (`rows`), how
+    many each direction has (`sizes`), and their matrices."""
+
+    rows: np.ndarray
+    directions: list[Direction]
+    sizes: list[int]
+    mass: Matrix
+    by_rates: Matrix
+    stiffness: Matrix
+    taken_along: Matrix | None
 
 
 class LinearSystem(eqx.Module):
@@ -55,3 +70,12 @@ class LinearSystem(eqx.Module):
         """Indices of the coordinates of some directions, in the order of these."""
         found = [np.flatnonzero([f == g for g in self.directions]) for f in directions]
         return np.concatenate(found) if found else np.zeros(0, int)
+
+    def part(self, *directions: Direction) -> SystemPart:
+        """The part of the system in some directions, those of them that it has."""
+        there = [f for f in dict.fromkeys(directions) if f in self.directions]
+        rows = self.where(*there)
+        every = (self.mass, self.by_rates, self.stiffness, self.taken_along)
+        own = np.ix_(rows, rows)
+        matrices: list[Any] = [None if a is None else a[own] for a in every]
+        return SystemPart(rows, there, [self.where(f).size for f in there], *matrices)

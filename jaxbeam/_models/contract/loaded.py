@@ -19,7 +19,7 @@ from jaxbeam._models.contract.small_motion import guarded, small_motion
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.contract.supports import check_supported
 from jaxbeam._results import harmless
-from jaxbeam._rotor.beam import AnyRotor, Rotor
+from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.damping import NO_DAMPING, Damping, damping_in_range
 from jaxbeam._rotor.directions import ALL_COUPLED, Direction
 from jaxbeam._rotor.first_look import refuse, rests_in_hub, stays_in_plane
@@ -102,7 +102,7 @@ def resting(rotor: AnyRotor, equations: Equations, inputs: Inputs) -> Rest:
     # On a free hinge in the axis of rotation a linear theory may deflect without bound.
     near = jnp.max(jnp.abs(equations.tip(state.q))) < 10 * equations.length  # false for NaN
     sprung = jnp.asarray(True)
-    if isinstance(rotor, Rotor) and rotor.root_springs is not None:
+    if rotor.root_springs is not None:
         sprung = jnp.all(jnp.stack([k != 0 for k in rotor.springs if k is not None]))
     far = first_broken((near | sprung, Status.NOT_HELD), (near, Status.DIVERGED))
     return state._replace(status=first_failure(state.status, far))

@@ -43,6 +43,7 @@ from jaxbeam._programs.lanes import (
     pairwise_sum,
     weighted_sum,
 )
+from jaxbeam._results import replaced
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.ends import Tip, TipBody
 from jaxbeam._rotor.motion import Hub, hub_matrices, skew
@@ -143,11 +144,9 @@ class CartesianEquations(Equations):
         suits = type(self) is CartesianEquations and vars(type(self.elasticity)).get("takes_lanes")
         if not suits or len(self.gram) > LARGE or isinstance(self.mass, SmallMatrix):
             return None
-        small: Self = eqx.tree_at(
-            lambda s: (s.mass, s.shapes, s.weighted_integrals, s.tip_rotary), self,
-            (SmallMatrix(self.mass), None, None, None), is_leaf=lambda leaf: leaf is None,
-        )  # fmt: skip
-        return small
+        return replaced(
+            self, mass=SmallMatrix(self.mass), shapes=None, weighted_integrals=None, tip_rotary=None
+        )
 
     @property
     def functions(self) -> Shapes | None:
