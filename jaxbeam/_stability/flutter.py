@@ -26,6 +26,7 @@ from jaxbeam._types import Code, Matrix, Scalar, Vector
 
 _MEETS = 1e-5  # imaginary part of 1 / mu, over its size, from which two have met
 _CLOSE = 2.0**-31
+_ROUGH = 1e-11  # of two secants: many coordinates round h to some 1e-9 of the load
 _APART = 1e-5  # relative, on either side of a load that halving found, to where it lies for sure
 
 # Mass and stiffness by what is given and the factor of the loads.
@@ -139,5 +140,5 @@ def polished(place: LostPlace, given: Any, value: Scalar) -> Scalar:
 
     low, high = value * (1 - _APART), value * (1 + _APART)
     at_low, at_high = jax.lax.map(h, jnp.stack([low, high]))
-    exact = change_between(h, (low, high), (at_low, at_high))
+    exact = change_between(h, (low, high), (at_low, at_high), _ROUGH)
     return jnp.where(at_low * at_high <= 0, exact, jnp.nan)
