@@ -27,6 +27,7 @@ from jaxbeam._types import Code, Matrix, Scalar, Vector
 # Imaginary part of 1 / mu, over its size, from which on two modes count as having met.
 _MEETS = 1e-5
 _CLOSE = 2.0**-31
+_ROUGH = 1e-11  # of two secants: many coordinates round h to some 1e-9 of the load
 _APART = 1e-5  # relative, on either side of a load that halving found, to where it lies for sure
 
 # A function of the case and the factor of loads that returns mass and stiffness.
@@ -139,5 +140,5 @@ def polished(place: LostPlace, given: Any, value: Scalar) -> Scalar:
 
     low, high = value * (1 - _APART), value * (1 + _APART)
     at_low, at_high = jax.lax.map(h, jnp.stack([low, high]))
-    exact = change_between(h, (low, high), (at_low, at_high))
+    exact = change_between(h, (low, high), (at_low, at_high), _ROUGH)
     return jnp.where(at_low * at_high <= 0, exact, jnp.nan)
