@@ -1,7 +1,7 @@
 """Programs: what the first answer waits for, and how well it is compiled.
 
 What a fresh process waits for is compilation, most of that the optimiser. So what is called outside
-of `jax.jit` and of transformations is compiled without it at first: that takes a fifth to a half of
+of `jax.jit`, in derivatives too, is compiled without it at first: that takes a fifth to a half of
 the time, and the program runs six to ten times as long, which is milliseconds for one answer. After
 32 calls with arguments of one kind (the same model, shapes and functions; numbers may differ) it is
 compiled well. That is a count and no clock: the same script gives the same numbers each time that
