@@ -11,6 +11,7 @@ Code = Int[Array, ""]
 Number = Float[Array, "*#lanes"]  # one number for each lane, or of length 1 for all lanes
 Matrix = Float[Array, "n n *#lanes"]
 Vector = Float[Array, "n *lanes"]  # one number for each coordinate, with lanes behind
+Coordinates = Float[Array, "q *lanes"]  # those of a rod are more than its velocities, n
 Vectors = Complex[Array, "k n"]
 Triple = Float[Array, "3 *lanes"]  # components along a1 (the beam), a2 (in plane), a3 (the axis)
 

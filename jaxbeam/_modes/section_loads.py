@@ -13,7 +13,7 @@ from jaxbeam._programs.program import Program
 from jaxbeam._rotor.beam import AnyRotor
 from jaxbeam._rotor.damping import NO_DAMPING
 from jaxbeam._rotor.loads import NO_LOADS
-from jaxbeam._types import Scalar, Vector, Vectors
+from jaxbeam._types import Coordinates, Scalar, Vector, Vectors
 
 
 @Program
@@ -36,7 +36,7 @@ def modal_loads(
     drag = Drag(conditions.damping.mass_coefficient)
     environment = Environment(inputs[0], conditions.loads, jnp.zeros_like(speed), drag)
 
-    def loads(q: Vector, v: Vector, a: Vector) -> tuple[Array, Array]:
+    def loads(q: Coordinates, v: Vector, a: Vector) -> tuple[Array, Array]:
         return section_loads(rotor, equations, environment, Moved(q, v, a), np.array(xi))
 
     def change(*motion: Vector) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ from jaxbeam._simulation.along_span import AlongSpan, Instant, points_of
 from jaxbeam._simulation.scene import Scene
 from jaxbeam._solvers.system import State
 from jaxbeam._status import Status, in_range, trusted
-from jaxbeam._types import Scalar, Vector
+from jaxbeam._types import Coordinates, Scalar, Vector
 
 
 class Simulation(AlongSpan):
@@ -162,7 +162,7 @@ def _jacobi(now: Instant) -> Scalar:
 def _peak(run: Simulation, direction: int, xi: float) -> tuple[Scalar, Scalar]:
     valid, times, state = run._outputs(run.status == Status.OK)
 
-    def place(q: Vector) -> Scalar:
+    def place(q: Coordinates) -> Scalar:
         return run.scene.equations.displacement(q, np.array([xi]))[0, direction]
 
     def both(y: State) -> tuple[Scalar, Scalar]:

@@ -26,7 +26,7 @@ from jaxbeam._rotor.motion import Hub, Motion, Times, skew
 from jaxbeam._simulation.closures import TracedMotion, converted
 from jaxbeam._simulation.pauses import Pauses
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Matrix, Number, Scalar, Triple, Vector
+from jaxbeam._types import Coordinates, Matrix, Number, Scalar, Triple, Vector
 
 
 class Scene(SecondOrderSystem):
@@ -217,35 +217,35 @@ class Scene(SecondOrderSystem):
         span = None if self.span is None else self.span(within)
         return self.hub(t), self.loads.at_tip(within), span
 
-    def kinematics(self, q: Vector, v: Vector) -> Vector:
+    def kinematics(self, q: Coordinates, v: Vector) -> Coordinates:
         return self.equations.kinematics(q, v)
 
-    def stage_kinematics(self, q: Vector, v: Vector, g: Number) -> Kinematics:
+    def stage_kinematics(self, q: Coordinates, v: Vector, g: Number) -> Kinematics:
         return self.equations.stage_kinematics(q, v, g)
 
-    def force(self, x: Inputs, q: Vector, v: Vector) -> Vector:
+    def force(self, x: Inputs, q: Coordinates, v: Vector) -> Vector:
         out = self.equations.force_under(x, q, v)
         return out - self.equations.as_force(q, self._damping(q, v))
 
-    def _damping(self, q: Vector, v: Vector) -> Vector:
+    def _damping(self, q: Coordinates, v: Vector) -> Vector:
         """The damping as a generalised force."""
         return self.equations.damping(q, v, self.damping)
 
-    def tangents(self, x: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
+    def tangents(self, x: Inputs, q: Coordinates, v: Vector) -> tuple[Any, Any]:
         k, c = self.equations.tangents_under(x, q, v)
         if not self.damping.is_none:
             dk, dc = self.equations.damping_tangents(q, v, self.damping)
             k, c = k + dk, c + dc
         return k, c
 
-    def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
+    def acceleration(self, t: Scalar, q: Coordinates, v: Vector) -> Vector:
         return self._over_mass(self.force(self.inputs(t), q, v))
 
     def _over_mass(self, force: Vector) -> Vector:
         kept = self.inverse_mass
         return (inverse(self.mass) if kept is None else kept) @ force
 
-    def power(self, x: Inputs, q: Vector, v: Vector) -> Number:
+    def power(self, x: Inputs, q: Coordinates, v: Vector) -> Number:
         """Rate of the balance of energy, in `work_unit` per second."""
         (hub, tip_force, span), equations = x, self.equations
         out = -self._moved_by(hub, q, v) - pairwise_sum(
@@ -262,7 +262,7 @@ class Scene(SecondOrderSystem):
             out = out + span.power(equations, q, v)
         return out / self.work_unit
 
-    def _moved_by(self, hub: Hub, q: Vector, v: Vector) -> Number:
+    def _moved_by(self, hub: Hub, q: Coordinates, v: Vector) -> Number:
         """The rate dT/dv . v' + dT/domega . omega' at which the motion of the hub changes the
         kinetic energy T."""
         _, out = jax.jvp(
@@ -294,7 +294,7 @@ class Scene(SecondOrderSystem):
             self.equations.strain_energy(y.q)
         )
 
-    def kinetic(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
+    def kinetic(self, q: Coordinates, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """Kinetic energy in the inertial frame, in J."""
         mass, first, inertia, _ = self.equations.undeformed
         rigid = (
@@ -339,7 +339,7 @@ class Scene(SecondOrderSystem):
             force, couple = force - push, couple - moment
         return force, couple
 
-    def _span_action(self, span: SpanLoad, t: Scalar, q: Vector) -> tuple[Triple, Triple]:
+    def _span_action(self, span: SpanLoad, t: Scalar, q: Coordinates) -> tuple[Triple, Triple]:
         """The resultant of the force along the span, and its moment about the centre of the hub."""
         equations, (xi, weight) = self.equations, span.integral.points
         pace = span.integral.pace(equations.length) * weight[:, None]

@@ -39,7 +39,7 @@ from jaxbeam._programs.lanes import compute_once, pairwise_sum, transposed
 from jaxbeam._programs.one_function import without_rules
 from jaxbeam._solvers.steps import Linearised, combined
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Number, Scalar, Vector
+from jaxbeam._types import Coordinates, Number, Scalar, Vector
 
 
 class Tableau(NamedTuple):
@@ -109,7 +109,7 @@ def stages(
 
 
 def _beginning(
-    system: SecondOrderSystem, x0: Any, input_rate: Any, q: Vector, v: Vector
+    system: SecondOrderSystem, x0: Any, input_rate: Any, q: Coordinates, v: Vector
 ) -> tuple[Any, Any, Vector]:
     """The tangents K and C and the rate F' where a step begins."""
     k, c = system.tangents(x0, q, v)
@@ -166,7 +166,9 @@ def _backwards(
     system, h, y0 = args[:3]
     n, s, (k, kinematics, solve) = len(y0.q), len(to_done), found.about
 
-    def rates(system: Any, own_x: Any, q: Vector, v: Vector, other_x: Any) -> tuple[Vector, Vector]:
+    def rates(
+        system: Any, own_x: Any, q: Coordinates, v: Vector, other_x: Any
+    ) -> tuple[Vector, Vector]:
         whole: SecondOrderSystem = eqx.combine(system, still[0])
         return whole.kinematics(q, v), whole.force(eqx.combine(own_x, other_x), q, v)
 
@@ -204,7 +206,7 @@ def _back_by_matrices(own: Any, still: Any, y0: State, shared: Any, done: Any) -
     y, _, u = done
     n = len(y0.q)
 
-    def beginning(system: Any, start: Any, q: Vector, v: Vector) -> Any:
+    def beginning(system: Any, start: Any, q: Coordinates, v: Vector) -> Any:
         whole: SecondOrderSystem = eqx.combine(system, still[0])
         x0, input_rate = eqx.combine(start, still[3])
         return whole.mass, *_beginning(whole, x0, input_rate, q, v)
@@ -221,18 +223,18 @@ def _back_along(own: Any, still: Any, y0: State, shared: Any, done: Any) -> Any:
     y, e, u = done
     n = len(y0.q)
 
-    def work(system: Any, start: Any, q: Vector, v: Vector, y: Vector, e: Vector) -> Scalar:
+    def work(system: Any, start: Any, q: Coordinates, v: Vector, y: Vector, e: Vector) -> Scalar:
         whole: SecondOrderSystem = eqx.combine(system, still[0])
         x0, _ = eqx.combine(start, still[3])
         return y @ whole.force(x0, q, v) + e @ whole.kinematics(q, v)
 
     def along(y: Vector, e: Vector, u: Vector) -> Any:
-        def by(q: Vector, v: Vector) -> Any:
+        def by(q: Coordinates, v: Vector) -> Any:
             return jax.grad(work, (0, 1, 2, 3))(own[0], own[3], q, v, y, e)
 
         return jax.jvp(by, (y0.q, y0.v), (u[:n], u[n:]))[1]
 
-    def rest(system: Any, start: Any, q: Vector, v: Vector) -> Any:
+    def rest(system: Any, start: Any, q: Coordinates, v: Vector) -> Any:
         whole: SecondOrderSystem = eqx.combine(system, still[0])
         x0, input_rate = eqx.combine(start, still[3])
         _, rate = jax.jvp(lambda x: whole.force(x, q, v), (x0,), (input_rate,))

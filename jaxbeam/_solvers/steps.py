@@ -17,7 +17,7 @@ from jaxbeam._programs.kernel import Adjoint, in_reverse_mode, kernel
 from jaxbeam._programs.lanes import append_axes, sum_of_products
 from jaxbeam._results import without_derivatives
 from jaxbeam._solvers.system import SecondOrderSystem, State
-from jaxbeam._types import Number, Vector
+from jaxbeam._types import Coordinates, Number, Vector
 
 _NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 _NODES, WEIGHTS = (1 + _NODES) / 2, WEIGHTS / 2
@@ -94,7 +94,12 @@ class Linearised(NamedTuple):
 
     @classmethod
     def of(
-        cls, system: SecondOrderSystem, q: Vector, v: Vector, g: Number, tangents: tuple[Any, Any]
+        cls,
+        system: SecondOrderSystem,
+        q: Coordinates,
+        v: Vector,
+        g: Number,
+        tangents: tuple[Any, Any],
     ) -> Self:
         """The system about q and v, where it has the tangents K and C."""
         k, c = tangents

@@ -14,7 +14,7 @@ from jaxbeam._numerics.kinematics import Kinematics, Straight
 from jaxbeam._numerics.linalg import inverse
 from jaxbeam._numerics.small import SmallMatrix
 from jaxbeam._results import without_derivatives
-from jaxbeam._types import Matrix, Number, Scalar, Vector
+from jaxbeam._types import Coordinates, Matrix, Number, Scalar, Vector
 
 
 class State(eqx.Module):
@@ -70,28 +70,28 @@ class SecondOrderSystem(eqx.Module):
         return t
 
     @abc.abstractmethod
-    def force(self, x: Any, q: Vector, v: Vector) -> Vector:
+    def force(self, x: Any, q: Coordinates, v: Vector) -> Vector:
         """Right-hand side, under the inputs x."""
 
-    def kinematics(self, q: Vector, v: Vector) -> Vector:
+    def kinematics(self, q: Coordinates, v: Vector) -> Coordinates:
         """The rates q' of coordinates, linear in v."""
         return v
 
-    def stage_kinematics(self, q: Vector, v: Vector, g: Number) -> Kinematics:
+    def stage_kinematics(self, q: Coordinates, v: Vector, g: Number) -> Kinematics:
         """The kinematics that a stage asks for, g being its share of the step, in s."""
         return Straight(g)
 
-    def power(self, x: Any, q: Vector, v: Vector) -> Number:
+    def power(self, x: Any, q: Coordinates, v: Vector) -> Number:
         """Rate of `State.work`."""
         return jnp.zeros((), q.dtype)
 
-    def tangents(self, x: Any, q: Vector, v: Vector) -> tuple[Any, Any]:
+    def tangents(self, x: Any, q: Coordinates, v: Vector) -> tuple[Any, Any]:
         """The tangents K = -d force / dq and C = -d force / dv, of the kind of `mass`; K by the
         small changes of which velocities are the rates."""
         k, c = jax.jacfwd(self.force, argnums=(1, 2))(x, q, v)
         return -k, -c
 
-    def acceleration(self, t: Scalar, q: Vector, v: Vector) -> Vector:
+    def acceleration(self, t: Scalar, q: Coordinates, v: Vector) -> Vector:
         """The accelerations v'. Subclasses that keep the inverse of M save its computation."""
         return inverse(self.mass) @ self.force(self.inputs(t), q, v)
 
@@ -115,7 +115,7 @@ class SecondOrderSystem(eqx.Module):
         return term
 
 
-def work_rate(system: SecondOrderSystem, t: Scalar, q: Vector, v: Vector) -> Scalar:
+def work_rate(system: SecondOrderSystem, t: Scalar, q: Coordinates, v: Vector) -> Scalar:
     """`system.power` without derivatives, which nobody asks for and which cost compilation."""
     system, t, q, v = without_derivatives((system, t, q, v))
     return system.power(system.inputs(t), q, v)

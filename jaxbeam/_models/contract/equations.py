@@ -22,7 +22,7 @@ from jaxbeam._programs.lanes import matvec_once, pairwise_sum, transposed
 from jaxbeam._rotor.ends import Tip, TipBody
 from jaxbeam._rotor.motion import Hub, axes, cross, rotation_vector
 from jaxbeam._rotor.span import Span
-from jaxbeam._types import Matrix, Number, Triple, Vector
+from jaxbeam._types import Coordinates, Matrix, Number, Triple, Vector
 
 _MOST_HIGH = 0.1  # share of forces in the highest functions up to which functions are enough
 # Motion of the hub, load at the tip (a force, a `TipLoad` or None) and force along the span.
@@ -90,27 +90,27 @@ class Equations(eqx.Module):
         return Undeformed(mass, first * along, second * across, self.tip_radius * along)
 
     @abc.abstractmethod
-    def force(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> Vector:
+    def force(self, hub: Hub, q: Coordinates, v: Vector, tip_force: Triple | None) -> Vector:
         """Right-hand side of the equations of motion without damping; `tip_force` is in hub axes,
         in N, or a `TipLoad` for models that know it."""
 
-    def as_force(self, q: Vector, generalised: Vector) -> Vector:
+    def as_force(self, q: Coordinates, generalised: Vector) -> Vector:
         """A generalised force (its power, in W, is that times q') as it enters `force`."""
         return generalised
 
-    def kinematics(self, q: Vector, v: Vector) -> Vector:
+    def kinematics(self, q: Coordinates, v: Vector) -> Coordinates:
         """The rates q' of coordinates, linear in velocities v."""
         return v
 
-    def stage_kinematics(self, q: Vector, v: Vector, g: Number) -> Kinematics:
+    def stage_kinematics(self, q: Coordinates, v: Vector, g: Number) -> Kinematics:
         """The kinematics of a stage of a solver, see `SecondOrderSystem`."""
         return Straight(g)
 
-    def as_velocities(self, q: Vector, change: Vector) -> Vector:
+    def as_velocities(self, q: Coordinates, change: Vector) -> Vector:
         """A small change of coordinates, expressed as changes that velocities are the rates of."""
         return change
 
-    def displaced(self, q: Vector) -> Vector:
+    def displaced(self, q: Coordinates) -> Vector:
         """Difference of coordinates from those of the undeformed beam, as small changes of n
         coordinates."""
         return q
@@ -131,46 +131,46 @@ class Equations(eqx.Module):
         return equilibrium(self, hub, tip_force, span)
 
     def matrices_about(
-        self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
+        self, hub: Hub, q: Coordinates, tip_force: Any = None, span: Any = None
     ) -> tuple[Matrix, Matrix, Matrix]:
         """Matrices of mass, of rates and of stiffness for small motion about a state of rest."""
         k, c = self.tangents_under((hub, tip_force, span), q, jnp.zeros_like(q))
         m, c, k = (self.generalised(q, a) for a in (self.mass, c, k))
         return m, c, k
 
-    def force_under(self, inputs: Inputs, q: Vector, v: Vector) -> Vector:
+    def force_under(self, inputs: Inputs, q: Coordinates, v: Vector) -> Vector:
         """The force f of these inputs, a force along the span included."""
         hub, tip_force, span = inputs
         force = self.force(hub, q, v, tip_force)
         return force if span is None else force + span.on(self, q)
 
-    def tangents_under(self, inputs: Inputs, q: Vector, v: Vector) -> tuple[Any, Any]:
+    def tangents_under(self, inputs: Inputs, q: Coordinates, v: Vector) -> tuple[Any, Any]:
         """Stiffness and damping of `force_under`, as of `tangents`."""
         hub, tip_force, span = inputs
         k, c = self.tangents(hub, q, v, tip_force)
         by_span = None if span is None else span.tangent(self, q)
         return k if by_span is None else k + by_span, c
 
-    def damping_matrix_about(self, q: Vector, drag: Drag) -> Matrix:
+    def damping_matrix_about(self, q: Coordinates, drag: Drag) -> Matrix:
         """The matrix of damping in small motion about a state of rest."""
         return self.generalised(q, self.damping_tangents(q, jnp.zeros_like(q), drag)[1])
 
-    def generalised(self, q: Vector, a: Any) -> Matrix:
+    def generalised(self, q: Coordinates, a: Any) -> Matrix:
         """A matrix of generalised forces from one of forces, which `force` may scale; at rest the
         derivative of the scale has no effect."""
         return dense(a) / self.as_force(q, jnp.ones_like(q))[:, None]
 
     @abc.abstractmethod
-    def elastic_force(self, q: Vector) -> Vector:
+    def elastic_force(self, q: Coordinates) -> Vector:
         """Generalised elastic forces; zero at q = 0, the undeformed beam."""
 
     @abc.abstractmethod
-    def viscous_force(self, q: Vector, v: Vector) -> Vector:
+    def viscous_force(self, q: Coordinates, v: Vector) -> Vector:
         """The force B^T D B q' of stresses that are stiffness times rates of strain, with B =
         d strain/dq and D the stiffness. See `strained.py`."""
 
     @abc.abstractmethod
-    def strain_energy(self, q: Vector) -> Number:
+    def strain_energy(self, q: Coordinates) -> Number:
         """Strain energy U, in J; zero at q = 0."""
 
     def root_slopes(self) -> Float[Array, "2 n"] | None:
@@ -178,12 +178,12 @@ class Equations(eqx.Module):
         these; of models that support dampers."""
         return None
 
-    def damper_force(self, q: Vector, v: Vector, dampers: Dampers) -> Vector:
+    def damper_force(self, q: Coordinates, v: Vector, dampers: Dampers) -> Vector:
         """The force B^T d B q', B = d phi/dq, of dampers d at the root with angles phi that are not
         linear in q; for models that support dampers."""
         raise NotImplementedError
 
-    def damper_tangents(self, q: Vector, v: Vector, dampers: Dampers) -> tuple[Any, Any]:
+    def damper_tangents(self, q: Coordinates, v: Vector, dampers: Dampers) -> tuple[Any, Any]:
         """Derivatives of `damper_force` by q and q', of the kind of `mass`."""
         raise NotImplementedError
 
@@ -191,38 +191,38 @@ class Equations(eqx.Module):
         """A matrix (n, n) converted to the kind of `mass`; for models whose `Drag` has a matrix."""
         return matrix
 
-    def nonconservative_force(self, q: Vector) -> Vector:
+    def nonconservative_force(self, q: Coordinates) -> Vector:
         """The part of elastic forces without a potential: `elastic_force` minus the gradient of
         `strain_energy`, zero in all models but Model A."""
         return jnp.zeros_like(q)
 
     @abc.abstractmethod
-    def kinetic_energy(self, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
+    def kinetic_energy(self, q: Coordinates, v: Vector, velocity: Triple, spin: Triple) -> Number:
         """Kinetic energy T without that of the rigid undeformed beam, T(0, 0, v, omega), in J."""
 
     @abc.abstractmethod
-    def first_moment(self, q: Vector) -> Triple:
+    def first_moment(self, q: Coordinates) -> Triple:
         """First moment int u dm: the mass times the displacement of its centre, kg m."""
 
     @abc.abstractmethod
-    def displacement(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+    def displacement(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 3"]:
         """Axial, in-plane and flap displacement in the hub frame at x = xi L, in m."""
 
     @abc.abstractmethod
-    def strain(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+    def strain(self, q: Coordinates, xi: np.ndarray) -> Float[Array, " p"]:
         """Axial strain of the centre line at x = xi L."""
 
     @abc.abstractmethod
-    def curvature(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 2"]:
+    def curvature(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 2"]:
         """In-plane and flap curvature at x = xi L, in 1/m: how fast the tangent turns by the
         unstretched length, in axes that turn with the section, but not with pitch and twist that
         the beam has by itself."""
 
-    def tip(self, q: Vector) -> Triple:
+    def tip(self, q: Coordinates) -> Triple:
         """Displacement of the tip, in m: shape (3,), axial, in plane, flap."""
         return self.displacement(q, np.ones(1))[0]
 
-    def torsion(self, q: Vector, xi: np.ndarray) -> Float[Array, " p"]:
+    def torsion(self, q: Coordinates, xi: np.ndarray) -> Float[Array, " p"]:
         """Angle of torsion at x = xi L, in rad; zero for models without torsion."""
         return jnp.zeros(len(xi), q.dtype)
 
@@ -237,19 +237,19 @@ class Equations(eqx.Module):
         root = (self.tip_radius - self.length) * jnp.eye(3, dtype=tip.dtype)[0]
         return root[None] + jnp.asarray(xi)[:, None] * (tip - root)[None]
 
-    def rates(self, q: Vector, change: Vector) -> Vector:
+    def rates(self, q: Coordinates, change: Vector) -> Vector:
         """The rates of coordinates in a small motion about q as of `matrices_about`."""
         return change
 
     def own_section_loads(
-        self, q: Vector, v: Vector, xi: np.ndarray, outside: Any
+        self, q: Coordinates, v: Vector, xi: np.ndarray, outside: Any
     ) -> tuple[Array, Array] | None:
         """Force and moment in sections, as of `section_loads`, for models with equations of their
         own for these; None for others."""
         return None
 
     def own_reaction(
-        self, hub: Hub, q: Vector, tip_force: Any = None, span: Any = None
+        self, hub: Hub, q: Coordinates, tip_force: Any = None, span: Any = None
     ) -> tuple[Triple, Triple] | None:
         """Force, and moment about its centre, by which the hub holds a beam that rests in it, for
         models with equations of their own for these; None for others."""
@@ -260,30 +260,30 @@ class Equations(eqx.Module):
         are sure to."""
         return None
 
-    def lacking_about(self, q: Vector) -> Matrix | None:
+    def lacking_about(self, q: Coordinates) -> Matrix | None:
         """The matrix by which the stiffness about q may be too small at most; None where that is
         not known."""
         return None
 
-    def high_share(self, q: Vector) -> tuple[Number, Number] | None:
+    def high_share(self, q: Coordinates) -> tuple[Number, Number] | None:
         """Energy of the forces in the highest functions, and of all forces in sections; None where
         these are not known."""
         return None
 
-    def placed(self, q: Vector, span: Span) -> Float[Array, "p 3"]:
+    def placed(self, q: Coordinates, span: Span) -> Float[Array, "p 3"]:
         """Places of the points of a span, in hub axes from the centre of the hub, in m."""
         return self.undeformed_at(span.xi) + self.displacement(q, np.asarray(span.xi))
 
-    def direction(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+    def direction(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 3"]:
         """r' in hub axes, along the tangent, at x = xi L; of beams."""
         raise NotImplementedError
 
-    def section_axes(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3 3"]:
+    def section_axes(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 3 3"]:
         """Rows: the tangent and the axes of `curvature`, in hub axes, of sections at x = xi L."""
         r = self.direction(q, xi).T
         return jnp.moveaxis(axes(r / jnp.linalg.norm(r, axis=0)[None]), 2, 0)
 
-    def rotation(self, q: Vector, xi: np.ndarray) -> Float[Array, "p 3"]:
+    def rotation(self, q: Coordinates, xi: np.ndarray) -> Float[Array, "p 3"]:
         """Rotation of sections at x = xi L from where they are in the undeformed beam, as the axis
         times the angle in rad: along the beam, about a3 and about -a2, these leaned with it."""
         beam = self.section_axes(jnp.zeros_like(q), np.zeros(1))[0]
@@ -291,11 +291,13 @@ class Equations(eqx.Module):
         about, lowering, lag = rotation_vector(along)
         return jnp.stack([about, lag, -lowering], 1)
 
-    def tip_energy(self, body: Tip, q: Vector, v: Vector, velocity: Triple, spin: Triple) -> Number:
+    def tip_energy(
+        self, body: Tip, q: Coordinates, v: Vector, velocity: Triple, spin: Triple
+    ) -> Number:
         """Kinetic energy of the mass at the tip, in J: of a mass M at r + c r', and for a body also
         `turning_energy`."""
 
-        def centre(q: Vector) -> Any:
+        def centre(q: Coordinates) -> Any:
             return body.centre(self.undeformed.tip + self.tip(q), self.end(q))
 
         place, moving = jax.jvp(centre, (q,), (v,))
@@ -305,37 +307,37 @@ class Equations(eqx.Module):
             energy = energy + self.turning_energy(body, q, v, spin)
         return energy
 
-    def end(self, q: Vector) -> Triple:
+    def end(self, q: Coordinates) -> Triple:
         """The vector r' at the tip, along the axis of a body there."""
         return self.direction(q, np.ones(1))[0]
 
-    def turning_energy(self, body: TipBody, q: Vector, v: Vector, spin: Triple) -> Number:
+    def turning_energy(self, body: TipBody, q: Coordinates, v: Vector, spin: Triple) -> Number:
         """Kinetic energy of rotation of a body at the tip, in J; here without axial inertia."""
         along, rate = jax.jvp(self.end, (q,), (v,))
         rate = rate + cross(spin, along)
         return body.inertia * pairwise_sum(rate * rate) / 2
 
     def section_momentum(
-        self, q: Vector, v: Vector, spin: Triple, span: Span, moments: SecondMoments
+        self, q: Coordinates, v: Vector, spin: Triple, span: Span, moments: SecondMoments
     ) -> Float[Array, "p 3"] | None:
         """Angular momentum of sections about their centres at the points of a span, from their
         second moments there; None where the model leaves their rotary inertia out."""
         return None
 
-    def is_in_range(self, q: Vector) -> Array:
+    def is_in_range(self, q: Coordinates) -> Array:
         """Whether deformation is within the range that the model is valid for."""
         return jnp.asarray(True)
 
-    def is_unfolded(self, q: Vector) -> Array:
+    def is_unfolded(self, q: Coordinates) -> Array:
         """Whether the beam is nowhere turned back on itself, as no beam that was straight can be
         without bending: a search for where it rests may end there."""
         return jnp.asarray(True)
 
-    def tip_power(self, q: Vector, v: Vector, tip_force: Any) -> Number:
+    def tip_power(self, q: Coordinates, v: Vector, tip_force: Any) -> Number:
         """The power of a load at the tip, in W."""
         return pairwise_sum(tip_force * jax.jvp(self.tip, (q,), (self.kinematics(q, v),))[1])
 
-    def tip_action(self, q: Vector, tip_force: Any) -> tuple[Triple, Triple]:
+    def tip_action(self, q: Coordinates, tip_force: Any) -> tuple[Triple, Triple]:
         """Force and moment of a load at the tip, in hub axes, in N and N m."""
         return tip_force, jnp.zeros_like(tip_force)
 
@@ -346,22 +348,24 @@ class Equations(eqx.Module):
         raise NotImplementedError
 
     @transposed(on=False)
-    def tangents(self, hub: Hub, q: Vector, v: Vector, tip_force: Triple | None) -> tuple[Any, Any]:
+    def tangents(
+        self, hub: Hub, q: Coordinates, v: Vector, tip_force: Triple | None
+    ) -> tuple[Any, Any]:
         """Stiffness K = -d force / dq and damping C = -d force / dq', of the kind of `mass`."""
         k, c = jax.jacfwd(self.force, argnums=(1, 2))(hub, q, v, tip_force)
         return -k, -c
 
-    def elastic_tangent(self, q: Vector) -> Any:
+    def elastic_tangent(self, q: Coordinates) -> Any:
         """d elastic_force / dq, of the kind of `mass`."""
         return jax.jacfwd(self.elastic_force)(q)
 
     @transposed(on=False)
-    def viscous_tangents(self, q: Vector, v: Vector) -> tuple[Any, Any]:
+    def viscous_tangents(self, q: Coordinates, v: Vector) -> tuple[Any, Any]:
         """Derivatives of `viscous_force` by q and q', of the kind of `mass`."""
         by: tuple[Any, Any] = jax.jacfwd(self.viscous_force, (0, 1))(q, v)
         return by
 
-    def damping(self, q: Vector, v: Vector, drag: Drag) -> Vector:
+    def damping(self, q: Coordinates, v: Vector, drag: Drag) -> Vector:
         """mass_coefficient dT/dq' + stiffness_coefficient viscous_force(q, q') and what dampers and
         the matrix do, T seen from the hub; see `Damping`."""
         out = jnp.zeros_like(q)
@@ -380,7 +384,7 @@ class Equations(eqx.Module):
             out = out + matvec_once(drag.matrix, v)
         return out
 
-    def damping_tangents(self, q: Vector, v: Vector, drag: Drag) -> tuple[Any, Any]:
+    def damping_tangents(self, q: Coordinates, v: Vector, drag: Drag) -> tuple[Any, Any]:
         """Derivatives of `damping`, as it enters `force`, by q and q'; here
         for inertia that does not depend on q."""
         own: Any = self.mass

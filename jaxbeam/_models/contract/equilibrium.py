@@ -11,7 +11,7 @@ from jaxbeam._numerics.linalg import dense
 from jaxbeam._numerics.newton import find_root
 from jaxbeam._rotor.motion import Hub
 from jaxbeam._status import Status
-from jaxbeam._types import Code, Matrix, Scalar, Vector
+from jaxbeam._types import Code, Coordinates, Matrix, Scalar, Vector
 
 
 class Rest(NamedTuple):
@@ -19,7 +19,7 @@ class Rest(NamedTuple):
     them, the matrices of mass, of rates and of stiffness for small motion about it, with `lacking`
     and `taken_along` as of `LinearSystem`."""
 
-    q: Vector
+    q: Coordinates
     status: Code
     matrices: tuple[Matrix, Matrix, Matrix] | None = None
     lacking: Matrix | None = None
@@ -48,10 +48,10 @@ def equilibrium(
         )  # fmt: skip
         return part, *jax.tree.map(lambda part: fraction * part, (tip_force, span))
 
-    def residual(q: Vector, fraction: Scalar | float = 1.0) -> Vector:
+    def residual(q: Coordinates, fraction: Scalar | float = 1.0) -> Vector:
         return -equations.force_under(share(fraction), equations.length * q, rest) / scale
 
-    def jacobian(q: Vector, fraction: Scalar) -> Any:
+    def jacobian(q: Coordinates, fraction: Scalar) -> Any:
         k, _ = equations.tangents_under(share(fraction), equations.length * q, rest)
         return (equations.length / scale) * k
 

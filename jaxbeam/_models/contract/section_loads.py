@@ -22,7 +22,7 @@ from jaxbeam._rotor.beam import AnyRotor, Rotor
 from jaxbeam._rotor.loads import Loads
 from jaxbeam._rotor.motion import Hub, cross
 from jaxbeam._rotor.span import Span, on
-from jaxbeam._types import Number, Scalar, Triple, Vector
+from jaxbeam._types import Coordinates, Number, Scalar, Triple, Vector
 
 _POINTS = 16  # Gauss points of each piece: exact for products of three cubics and a line
 _Rows = Float[Array, "p 3"]
@@ -45,7 +45,7 @@ class Environment(NamedTuple):
 class Moved(NamedTuple):
     """Coordinates of a beam in motion, velocities, and rates of velocities."""
 
-    q: Vector
+    q: Coordinates
     v: Vector
     a: Vector
 
@@ -97,10 +97,10 @@ def _along(
     beam, xi = rotor.beam, np.asarray(span.xi)
     mass = (beam.length * on(beam.mass_with_points, span))[:, None]
 
-    def speed(q: Vector, v: Vector) -> _Rows:
+    def speed(q: Coordinates, v: Vector) -> _Rows:
         return jax.jvp(lambda q: equations.placed(q, span), (q,), (v,))[1]
 
-    def velocity(q: Vector, v: Vector, velocity: Triple, spin: Triple) -> _Rows:
+    def velocity(q: Coordinates, v: Vector, velocity: Triple, spin: Triple) -> _Rows:
         return velocity[None] + jnp.cross(spin[None], equations.placed(q, span)) + speed(q, v)
 
     moving, rate = jax.jvp(velocity, (q, v, *_velocities(hub)), (v, a, *_rates(hub)))
@@ -124,7 +124,7 @@ def _turned(
         return none
     moments = SecondMoments(*(None if e is None else rotor.beam.length * e for e in moments))
 
-    def momentum(q: Vector, v: Vector, spin: Triple) -> _Rows:
+    def momentum(q: Coordinates, v: Vector, spin: Triple) -> _Rows:
         own = equations.section_momentum(q, v, spin, span, moments)
         return none if own is None else own
 
@@ -142,7 +142,7 @@ def _at_tip(
     (hub, loads, t, _), drag, (q, v, a) = outside, outside.drag, moved
     body = rotor.tip_body
 
-    def momenta(q: Vector, v: Vector, velocity: Triple, spin: Triple) -> tuple[Triple, Triple]:
+    def momenta(q: Coordinates, v: Vector, velocity: Triple, spin: Triple) -> tuple[Triple, Triple]:
         def energy(velocity: Triple, spin: Triple) -> Number:
             return equations.tip_energy(body, q, v, velocity, spin)
 

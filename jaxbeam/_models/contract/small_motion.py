@@ -14,7 +14,7 @@ from jaxbeam._results import harmless, nan_unless
 from jaxbeam._rotor.beam import AnyRotor, Beam, Rotor
 from jaxbeam._rotor.motion import spinning
 from jaxbeam._status import Status, first_failure
-from jaxbeam._types import Code, Scalar, Vector
+from jaxbeam._types import Code, Coordinates, Scalar
 
 TheRotor = TypeVar("TheRotor", bound=AnyRotor)  # the kind of rotor that a model takes
 
@@ -49,7 +49,7 @@ def small_motion(
     )
 
 
-def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Vector) -> Scalar:
+def steady_strain(rotor: AnyRotor, speed: Scalar, equations: Equations, q: Coordinates) -> Scalar:
     """The axial strain of a steady state: at the root, or of a beam that varies the largest P / EA,
     since smooth functions do not have the steps of strain."""
     if isinstance(rotor, Rotor) and rotor.varies and isinstance(rotor.beam, Beam):

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from jaxbeam._programs.lanes import matvec, pairwise_sum
 from jaxbeam._rotor.span import Span
 from jaxbeam._rotor.spanwise import points_within
-from jaxbeam._types import Matrix, Number, Vector
+from jaxbeam._types import Coordinates, Matrix, Number, Vector
 
 POINTS = 6  # Gauss points in an element: exact for a cubic times a force of degree eight
 
@@ -22,15 +22,15 @@ class AbstractSpanForce(eqx.Module):
     linear in its arrays, so that multiples of the force are made by multiplying these."""
 
     @abc.abstractmethod
-    def on(self, equations: Any, q: Vector) -> Vector:
+    def on(self, equations: Any, q: Coordinates) -> Vector:
         """The generalised force at coordinates q."""
 
     @abc.abstractmethod
-    def tangent(self, equations: Any, q: Vector) -> Any:
+    def tangent(self, equations: Any, q: Coordinates) -> Any:
         """Minus the derivative of the force by q, of the kind of `Equations.mass`; None where that
         is zero."""
 
-    def power(self, equations: Any, q: Vector, v: Vector) -> Number:
+    def power(self, equations: Any, q: Coordinates, v: Vector) -> Number:
         """The power of the force along the span, in W."""
         return pairwise_sum(self.on(equations, q) * v)
 
@@ -41,10 +41,10 @@ class SpanForce(AbstractSpanForce):
     force: Vector
     stiffness: Matrix | None  # None: zero
 
-    def on(self, equations: Any, q: Vector) -> Vector:
+    def on(self, equations: Any, q: Coordinates) -> Vector:
         return self.force if self.stiffness is None else self.force - matvec(self.stiffness, q)
 
-    def tangent(self, equations: Any, q: Vector) -> Matrix | None:
+    def tangent(self, equations: Any, q: Coordinates) -> Matrix | None:
         return self.stiffness
 
 
@@ -65,7 +65,7 @@ class AbstractSpanIntegral(eqx.Module):
     def generalised_force(self, density: Float[Array, "p 3"]) -> AbstractSpanForce:
         """The generalised force of a force per length given at the places, in N/m."""
 
-    def acting(self, q: Vector, density: Float[Array, "p 3"]) -> Float[Array, "p 3"]:
+    def acting(self, q: Coordinates, density: Float[Array, "p 3"]) -> Float[Array, "p 3"]:
         """Force per length in axes of the hub, from a density in the axes in which it is given."""
         return density
 
