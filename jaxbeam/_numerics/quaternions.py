@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxbeam._numerics.multilinear import multilinear
+
 _SMALL = 1e-2  # squares of half angles below this have series that are exact to rounding
 Quaternion = Float[Array, "*k 4"]
 Turn = Float[Array, "*k 3"]
@@ -19,12 +21,16 @@ def leading(a: Any, like: Array) -> Any:
     return a.reshape((1,) * (like.ndim - a.ndim) + a.shape)
 
 
-def crossing(a: Turn) -> Float[Array, "*k 3 3"]:
+@multilinear(3)
+def crossing(a: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """The matrix of b -> a x b."""
-    x, y, z = a[..., 0], a[..., 1], a[..., 2]
-    none = jnp.zeros_like(x)
-    rows = jnp.stack([none, -z, y, z, none, -x, -y, x, none], -1)
-    return rows.reshape(*a.shape[:-1], 3, 3)
+    return np.cross(a, np.eye(3)).T
+
+
+@multilinear(3, 3)
+def cross(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """The product a x b."""
+    return np.cross(a, b)
 
 
 def rotation(q: Quaternion) -> Float[Array, "*k 3 3"]:
@@ -35,8 +41,10 @@ def rotation(q: Quaternion) -> Float[Array, "*k 3 3"]:
 
 def turned_by(q: Quaternion) -> Float[Array, "*k 3 3"]:
     """The matrix of the rotation less the unit matrix, without cancellation for small turns."""
-    across = crossing(q[..., 1:])
-    rotated = q[..., 0, None, None] * across + across @ across
+    w, x = q[..., :1, None], q[..., 1:]
+    square = jnp.sum(x * x, -1)[..., None, None]
+    rotated = w * crossing(x) + x[..., :, None] * x[..., None, :]
+    rotated = rotated - square * leading(np.eye(3), rotated)
     return 2 * rotated / jnp.sum(q * q, -1)[..., None, None]
 
 
@@ -45,11 +53,13 @@ def conjugate(q: Quaternion) -> Quaternion:
     return jnp.concatenate([q[..., :1], -q[..., 1:]], -1)
 
 
-def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
+@multilinear(4, 4)
+def quaternion_product(
+    p: Float[np.ndarray, "4"], q: Float[np.ndarray, "4"]
+) -> Float[np.ndarray, "4"]:
     """The product p q: first the rotation q, then p."""
-    w, x, v, y = p[..., :1], p[..., 1:], q[..., :1], q[..., 1:]
-    scalar = w * v - jnp.sum(x * y, -1, keepdims=True)
-    return jnp.concatenate([scalar, w * y + v * x + jnp.cross(x, y)], -1)
+    w, x, v, y = p[0], p[1:], q[0], q[1:]
+    return np.append(w * v - x @ y, w * y + v * x + np.cross(x, y))
 
 
 def of_turn(vector: Turn) -> Quaternion:

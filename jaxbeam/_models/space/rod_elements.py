@@ -36,6 +36,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxbeam._models.space.rod_tables import RodTables
+from jaxbeam._numerics.multilinear import multilinear
 from jaxbeam._numerics.quaternions import crossing, leading, rotation
 
 _Three = Float[Array, "E p 3"]
@@ -57,20 +58,22 @@ class Bent(NamedTuple):
 
 def bent(tables: RodTables, u: Float[Array, "nodes 3"], p: Float[Array, "nodes 4"]) -> Bent:
     """Elements whose nodes have moved by u and turned by the quaternions p."""
-    w, x = p[:, :1, None], p[:, 1:]
-    leads = jnp.concatenate([-x[:, None], w * np.eye(3)[None] + crossing(x)], 1) / 2
-    leads, turns = tables.of_elements(leads), tables.of_elements(rotation(p))
+    leads, turns = tables.of_elements(_leading(p)), tables.of_elements(rotation(p))
     u, p = tables.of_elements(u), tables.of_elements(p)
     q = jnp.asarray(tables.shapes) @ p
-    seen, inward = _seen_from(q), rotation(q).swapaxes(-1, -2)
+    seen = _seen_from(q / jnp.sum(q * q, -1, keepdims=True))
+    inward = rotation(q).swapaxes(-1, -2)
     stretch = jnp.einsum("egij,egj->egi", inward, tables.tangent + tables.rate @ u)
     rate = jnp.einsum("egcd,egd->egc", seen, tables.rate @ p)
     spin, curved = rate[..., 0], 2 * rate[..., 1:]
-    by = _by_seen(stretch, curved, spin)
     strain = jnp.concatenate([stretch - tables.tangent, curved], -1)
+    by_a = _by_seen(jnp.concatenate([rate, stretch], -1)) @ seen
+    # b is in kap alone, with a factor of two, and d in eps.
+    by_b = jnp.pad(2 * seen[:, :, 1:], ((0, 0), (0, 0), (3, 0), (0, 0)))
+    by_d = jnp.pad(inward, ((0, 0), (0, 0), (0, 3), (0, 0)))
+    by = jnp.concatenate([by_a, by_b, by_d], -1)
     if tables.fibres is not None:
         strain, by = _lengthened(tables.tangent, tables.fibres, strain, by)
-    by = jnp.concatenate([by[..., :4] @ seen, by[..., 4:8] @ seen, by[..., 8:] @ inward], -1)
     return Bent(strain, stretch, spin, seen, inward, by, p, leads, turns)
 
 
@@ -104,7 +107,7 @@ def _lengthened(
 
 
 def _twisting(tangent: _Three, by_eleven: Float[Array, "E p 6 11"]) -> Float[Array, "E p 11"]:
-    """The rate of twist by the eleven numbers of `_by_seen`."""
+    """The rate of twist by the eleven numbers."""
     return jnp.einsum("egs,egsz->egz", tangent, by_eleven[..., 3:, :])
 
 
@@ -120,22 +123,27 @@ def pulled(
     return force.at[..., 3:].add(more[..., None] * tables.tangent)
 
 
-def _seen_from(q: Float[Array, "*k 4"]) -> Float[Array, "*k 4 4"]:
-    """The matrix of p -> q^-1 p."""
-    w, x, y, z = (q[..., i] for i in range(4))
-    rows = jnp.stack([w, x, y, z, -x, w, z, -y, -y, -z, w, x, -z, y, -x, w], -1)
-    return rows.reshape(*q.shape[:-1], 4, 4) / jnp.sum(q * q, -1)[..., None, None]
+@multilinear(4)
+def _seen_from(q: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:
+    """The matrix of p -> q^-1 p, by q over the square of its length."""
+    w, x = q[0], q[1:]
+    return np.block([[w, x], [-x[:, None], w * np.eye(3) - np.cross(x, np.eye(3)).T]])
 
 
-def _by_seen(
-    stretch: _Three, curved: _Three, spin: Float[Array, "E p"]
-) -> Float[Array, "E p 6 11"]:
-    """Derivatives of strains by (a, b, d)."""
-    eye, none = jnp.broadcast_to(np.eye(3), (*spin.shape, 3, 3)), jnp.zeros((*spin.shape, 3, 1))
-    by_a = crossing(curved) - 2 * spin[..., None, None] * eye
-    top = [none, 2 * crossing(stretch), none, 0 * eye, eye]
-    low = [-curved[..., None], by_a, none, 2 * eye, 0 * eye]
-    return jnp.concatenate([jnp.concatenate(top, -1), jnp.concatenate(low, -1)], -2)
+@multilinear(4)
+def _leading(p: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 3"]:
+    """The matrices L of quaternions of nodes."""
+    w, x = p[0], p[1:]
+    return np.vstack([-x, w * np.eye(3) + np.cross(x, np.eye(3)).T]) / 2
+
+
+@multilinear(7)
+def _by_seen(given: Float[np.ndarray, "7"]) -> Float[np.ndarray, "6 4"]:
+    """The derivatives of strains by a, from Q^-1 Q' and v."""
+    spin, curved, stretch = given[0], 2 * given[1:4], given[4:]
+    v, k = (np.cross(part, np.eye(3)).T for part in (stretch, curved))
+    top, low = [np.zeros((3, 1)), 2 * v], [-curved[:, None], k - 2 * spin * np.eye(3)]
+    return np.block([top, low])
 
 
 def nodal(tables: RodTables, state: Bent, force: Float[Array, "E p 6"]) -> Float[Array, "E k 6"]:
@@ -227,19 +235,27 @@ def _outer(a: Array, b: Array) -> Array:
 def _second(f: _Three, m: _Three, state: Bent) -> tuple[Array, Array, Array]:
     """The quadratic form of (a, b, d), as second derivatives by (a, a), (a, b) and (a, d): there
     are no others."""
-    stretch, curved, spin = state.stretch, state.strain[..., 3:], state.spin
-    eye = np.eye(3)[None, None]
-    along = jnp.sum(curved * m, -1)[..., None, None]
-    both = _outer(f, stretch)
-    pull = jnp.sum(f * stretch, -1)[..., None, None]
-    a0_a = -2 * jnp.cross(f, stretch) + 4 * spin[..., None] * m + 2 * jnp.cross(curved, m)
-    a_a = 2 * (both + both.swapaxes(-1, -2)) - (4 * pull + 2 * along) * eye
-    top = jnp.concatenate([2 * along, a0_a[..., None, :]], -1)
-    by_a = jnp.concatenate([top, jnp.concatenate([a0_a[..., None], a_a], -1)], -2)
-    # -2 (a0 m.b + b0 m.a + m.(a x b)), rows a, columns b
-    top = jnp.concatenate([jnp.zeros_like(along), m[..., None, :]], -1)
-    low = jnp.concatenate([m[..., :, None], -crossing(m)], -1)
-    by_b = -2 * jnp.concatenate([top, low], -2)
-    # 2 a.(f x d)
-    by_d = jnp.concatenate([jnp.zeros_like(f)[..., None, :], 2 * crossing(f)], -2)
-    return by_a, by_b, by_d
+    force = jnp.concatenate([f, m], -1)
+    given = jnp.concatenate([state.spin[..., None], state.strain[..., 3:], state.stretch], -1)
+    by_both = _by_forces(force)
+    return _by_a(force, given), by_both[..., :4], by_both[..., 4:]
+
+
+@multilinear(6, 7)
+def _by_a(force: Float[np.ndarray, "6"], given: Float[np.ndarray, "7"]) -> Float[np.ndarray, "4 4"]:
+    """The second derivatives by (a, a), by forces and moments, and k_0, kap and v."""
+    (f, m), spin, curved, stretch = force.reshape(2, 3), given[0], given[1:4], given[4:]
+    along, both = curved @ m, np.outer(f, stretch)
+    a0_a = -2 * np.cross(f, stretch) + 4 * spin * m + 2 * np.cross(curved, m)
+    a_a = 2 * (both + both.T) - (4 * f @ stretch + 2 * along) * np.eye(3)
+    return np.block([[2 * along, a0_a], [a0_a[:, None], a_a]])
+
+
+@multilinear(6)
+def _by_forces(force: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 7"]:
+    """The second derivatives by (a, b) and (a, d): of -2 (a0 m.b + b0 m.a + m.(a x b)) and of
+    2 a.(f x d)."""
+    f, m = (np.cross(part, np.eye(3)).T for part in force.reshape(2, 3))
+    couple, none = force[3:], np.zeros((1, 1))
+    by_b = -2 * np.block([[none, couple[None]], [couple[:, None], -m]])
+    return np.hstack([by_b, np.vstack([np.zeros((1, 3)), 2 * f])])

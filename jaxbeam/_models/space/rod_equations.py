@@ -15,7 +15,7 @@ from jaxbeam._models.contract.equilibrium import Rest
 from jaxbeam._models.contract.span_integrals import AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import Bent, bent, by_changes, pulled
 from jaxbeam._models.space.rod_loads import RodSpanIntegral
-from jaxbeam._models.space.rod_nodes import Coordinates, Rod, slot
+from jaxbeam._models.space.rod_nodes import Rod, slot
 from jaxbeam._models.space.rod_state import (
     Around,
     balance,
@@ -36,7 +36,7 @@ from jaxbeam._rotor.motion import Hub, spinning
 from jaxbeam._rotor.sections import AbstractSections, frames
 from jaxbeam._rotor.span import Span
 from jaxbeam._status import Status, first_broken
-from jaxbeam._types import Matrix, Number, Triple, Vector
+from jaxbeam._types import Coordinates, Matrix, Number, Triple, Vector
 
 _POINTS = 12  # of each piece of the span, for what loads do in sections
 _SIGNS = np.array([[1.0, 1.0, -1.0]])  # of turns about a1, a3 and -a2

@@ -21,7 +21,7 @@ from jaxbeam._models.space.rod_equations import RestingRod
 from jaxbeam._models.space.rod_kinematics import Moving
 from jaxbeam._models.space.rod_loads import RodSpanForce, Still, acting, along_hub, twisting
 from jaxbeam._models.space.rod_motion import inertia_of, inertia_tangents
-from jaxbeam._models.space.rod_nodes import Coordinates, slot
+from jaxbeam._models.space.rod_nodes import slot
 from jaxbeam._models.space.rod_supports import dampers_of
 from jaxbeam._numerics.linalg import positive_inverse
 from jaxbeam._numerics.quaternions import rotation, turned_by
@@ -29,7 +29,7 @@ from jaxbeam._programs.lanes import pairwise_sum
 from jaxbeam._rotor.beam import Rotor
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.motion import Hub
-from jaxbeam._types import Matrix, Number, Triple, Vector
+from jaxbeam._types import Coordinates, Matrix, Number, Triple, Vector
 
 _FIRST = 12.0  # square of a first frequency, over EI / (m L^3)
 _Sixes = Float[Array, "nodes 6"]

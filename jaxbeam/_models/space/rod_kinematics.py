@@ -20,12 +20,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxbeam._models.space.rod_elements import Bent, bent, on_diagonal
-from jaxbeam._models.space.rod_nodes import Coordinates, Rod, small_turns
+from jaxbeam._models.space.rod_nodes import Rod, small_turns
 from jaxbeam._models.space.rod_places import rises, without_drift
 from jaxbeam._numerics.kinematics import Kinematics
 from jaxbeam._numerics.linalg import Factors
-from jaxbeam._numerics.quaternions import crossing, quaternion_product, rotation
-from jaxbeam._types import Matrix, Number, Vector
+from jaxbeam._numerics.quaternions import cross, crossing, quaternion_product, rotation
+from jaxbeam._types import Coordinates, Matrix, Number, Vector
 
 _Sixes = Float[Array, "nodes 6"]
 _ByTurns = Float[Array, "E p 3 k 3"]  # vectors at Gauss points, by turns of nodes
@@ -79,7 +79,7 @@ class Moving(Kinematics):
         half = jnp.concatenate([jnp.zeros_like(self.w[:, :1]), self.w[:, 3:] / 2], 1)
         spun = self._own[:, None] * (turns / self.g + quaternion_product(turns, half))
         about = small_turns(self.p, spun)
-        root = root + self.state.turns[0, 0] @ jnp.cross(about[0], self.w[0, :3])
+        root = root + self.state.turns[0, 0] @ cross(about[0], self.w[0, :3])
         by_turns = jnp.einsum("egakt,ekt->ega", self.strained, self.rod.tables.of_elements(about))
         strain = jnp.einsum("egab,egb->ega", self.lasting, strain + by_turns)
         return self.rod.joined(self.g * root, spun, strain)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from jaxbeam._models.contract.span_integrals import AbstractSpanForce, AbstractSpanIntegral
 from jaxbeam._models.space.rod_elements import on_diagonal
 from jaxbeam._models.space.rod_tables import RodTables
-from jaxbeam._numerics.quaternions import crossing, rotation
+from jaxbeam._numerics.quaternions import cross, crossing, rotation
 from jaxbeam._rotor.loads import TipLoad
 from jaxbeam._rotor.spanwise import points_within
 from jaxbeam._types import Number, Triple, Vector
@@ -40,7 +40,7 @@ def along_hub(place: Float[Array, "nodes 3"], velocity: Triple, spin: Triple) ->
     """Velocities and angular velocities, in axes of the beam, of places that rest in a moving
     hub."""
     spun = jnp.broadcast_to(spin, place.shape)
-    return jnp.concatenate([velocity[None] + jnp.cross(spun, place), spun], 1)
+    return jnp.concatenate([velocity[None] + cross(spun, place), spun], 1)
 
 
 def _inward(
@@ -114,7 +114,7 @@ def acting(
     down = _inward(attitude, jnp.broadcast_to(gravity, (n, 3)))
     first = tables.weight[:, 1:]
     pushed = _inward(attitude, dead)
-    held = jnp.concatenate([pushed, jnp.cross(first, down)], 1)
+    held = jnp.concatenate([pushed, cross(first, down)], 1)
     by_turn = jnp.concatenate([crossing(pushed), crossing(first) @ crossing(down)], 1)
     block = jnp.concatenate([jnp.zeros((n, 6, 3), down.dtype), by_turn], 2)
     block = (block + block.swapaxes(1, 2)) / 2

@@ -33,15 +33,15 @@ from jaxbeam._models.space.rod_supports import Held, free_changes
 from jaxbeam._models.space.rod_tables import RodTables
 from jaxbeam._numerics.quaternions import (
     conjugate,
+    cross,
     crossing,
     normalised,
     quaternion_product,
     rotated,
     rotation,
 )
-from jaxbeam._types import Scalar, Triple
+from jaxbeam._types import Coordinates, Scalar, Triple
 
-Coordinates = Float[Array, " q"]  # quaternions of nodes, and strains
 UPRIGHT = np.eye(4)[0]
 
 
@@ -164,7 +164,7 @@ class Rod(eqx.Module):
         """The velocities whose rates of coordinates are these, as in `rates_in`."""
         (root, spun, strain), tables = self.parts(rates), self.tables
         turns = small_turns(p, spun)
-        slopes = strain + jnp.cross(turning(tables, state, turns), state.stretch)
+        slopes = strain + cross(turning(tables, state, turns), state.stretch)
         slopes = jnp.einsum("egba,egb->ega", state.inward, slopes)
         moved = without_drift(tables, integrals(tables, root, slopes), self.held_tip)
         inward = jnp.einsum("nba,nb->na", rotation(p), moved)

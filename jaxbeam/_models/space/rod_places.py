@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from jaxbeam._models.space.rod_elements import Bent
 from jaxbeam._models.space.rod_tables import RodTables, gauss, lagrange, lobatto
-from jaxbeam._numerics.quaternions import conjugate, rotation, turned_by
+from jaxbeam._numerics.quaternions import conjugate, cross, rotation, turned_by
 from jaxbeam._types import Triple
 
 _Nodes = Float[Array, "nodes 3"]
@@ -87,4 +87,4 @@ def strain_rates(tables: RodTables, state: Bent, rates: Float[Array, "nodes 6"])
     """
     moving = jnp.einsum("ekab,ekb->eka", state.turns, tables.of_elements(rates[:, :3]))
     rise = jnp.einsum("egab,egb->ega", state.inward, tables.rate @ moving)
-    return rise + jnp.cross(state.stretch, turning(tables, state, rates[:, 3:]))
+    return rise + cross(state.stretch, turning(tables, state, rates[:, 3:]))

@@ -22,13 +22,13 @@ from jaxbeam._models.space.rod_loads import (
     twisting,
     velocities,
 )
-from jaxbeam._models.space.rod_nodes import Coordinates, Rod, slot
+from jaxbeam._models.space.rod_nodes import Rod, slot
 from jaxbeam._numerics.linalg import solve
 from jaxbeam._numerics.quaternions import rotation
 from jaxbeam._programs.batches import one_by_one
 from jaxbeam._programs.one_function import without_dead_parts
 from jaxbeam._rotor.loads import TipLoad
-from jaxbeam._types import Scalar, Triple
+from jaxbeam._types import Coordinates, Scalar, Triple
 
 _CLOSE = 1e-9  # a change of Newton's method, in lengths and rad, after which it has ended,
 _ROUNDING = 0.6  # or the resolution of the numbers to this power: 7e-5 in single precision

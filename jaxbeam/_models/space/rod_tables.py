@@ -127,6 +127,8 @@ class RodTables(eqx.Module):
     def of_elements(self, nodes: Array) -> Array:
         """Values of nodes (n, ...), by element (E, k, ...)."""
         p = self.degree
+        if self.elements == 1:
+            return nodes[None]
         index = np.arange(self.elements)[:, None] * p + np.arange(p + 1)
         return nodes[index]
 
