@@ -221,6 +221,41 @@ def batches() -> Iterator[Row]:
         yield "the same with gradients", name, 1e6 * seconds(5, slopes, v) / size, "us"
 
 
+def levels() -> Iterator[Row]:
+    """Programs by the first level of LLVM's optimiser, which those of the package take, over the
+    same by the third, which JAX takes: compilation, and the least CPU time of runs in turns."""
+    peak, masses = by_tip_mass(jb.PlanarRod(8)), jnp.linspace(0.05, 0.3, 64)
+    cases = jnp.asarray(common.random_cases(4096, seed=2))
+
+    def uniform(v: Any) -> Any:
+        return jb.modes(jb.Hybrid(8, 16, 0), *common.rotating(v), 3, throw=False).frequency
+
+    def steps(model: Any) -> Callable[[Any], Any]:
+        return lambda speed: jb.simulate(
+            model, jb.Rotor(common.aluminium_in_space()), jb.SmoothSpinUp(speed, 15.0), [0.0, 2.0],
+            stepsize_controller=diffrax.ConstantStepSize(), dt0=0.01, throw=False,
+        ).tip  # fmt: skip
+
+    for name, function, at in (
+        ("a spin-up", peak, masses[0]),
+        ("its gradient", jax.grad(peak), masses[0]),
+        ("64 spin-ups", jax.vmap(peak), masses),
+        ("4096 modes", jax.vmap(uniform), cases),
+        ("200 steps of 256 elements", steps(jb.PlanarRod(256)), jnp.asarray(4.0)),
+        ("200 steps of a rod", steps(jb.SpatialRod(8)), jnp.asarray(4.0)),
+    ):
+        programs, compiling = [], []
+        for level in (1, 3):
+            begin = time.process_time()
+            jitted = jax.jit(function, compiler_options={"xla_backend_optimization_level": level})
+            programs.append(jitted.lower(at).compile())
+            compiling.append(time.process_time() - begin)
+        turns = [[cpu_seconds(p, at, repeats=3)[0] for p in programs] for _ in range(4)]
+        run = np.min(turns, 0)
+        yield "level 1 over level 3, to run", name, run[0] / run[1], "-"
+        yield "level 1 over level 3, to compile", name, compiling[0] / compiling[1], "-"
+
+
 def full_blade() -> jb.blades.Blade:
     """30 stations of full sections with every coupling, tapered, twisted, swept and bent."""
     draw, along = np.random.default_rng(0), np.linspace(0.0, 1.0, 30)
@@ -432,6 +467,7 @@ def main(quick: bool = False, out: Path | None = None) -> Path:
     for part in (
         lambda: gradients(quick),
         lambda: () if quick else batches(),
+        lambda: () if quick else levels(),
         lambda: () if quick else rods(),
         lambda: () if quick else gradients_of_runs(),
         lambda: elements(quick, out),

@@ -18,7 +18,7 @@ import jax
 from jaxtyping import Array, Float
 
 from jaxbeam._numerics.linalg import inverse
-from jaxbeam._types import Vector
+from jaxbeam._types import Coordinates, Vector
 
 
 class Kinematics(eqx.Module):
@@ -26,15 +26,15 @@ class Kinematics(eqx.Module):
     their transposes, for reverse mode."""
 
     @abc.abstractmethod
-    def before(self, first: Vector) -> Vector:
+    def before(self, first: Coordinates) -> Coordinates:
         """The change of coordinates D f by rates f of these."""
 
     @abc.abstractmethod
-    def rates(self, z: Vector) -> Vector:
+    def rates(self, z: Vector) -> Coordinates:
         """The rates of coordinates B z by velocities z."""
 
     @abc.abstractmethod
-    def seen(self, change: Vector) -> Vector:
+    def seen(self, change: Coordinates) -> Vector:
         """The small changes of nodes N u, to which tangents refer, by a change u of coordinates."""
 
     @abc.abstractmethod
@@ -46,25 +46,25 @@ class Kinematics(eqx.Module):
         """The inverse of the matrix of a step, for products (`@`) with a few vectors from either
         side."""
 
-    def led(self, z: Vector) -> Vector:
+    def led(self, z: Vector) -> Coordinates:
         """The change of coordinates D B z by velocities z."""
         return self.before(self.rates(z))
 
-    def change(self, first: Vector, z: Vector) -> Vector:
+    def change(self, first: Coordinates, z: Vector) -> Coordinates:
         """The change of coordinates D (f + B z) by rates f and velocities z."""
         return self.before(first + self.rates(z))
 
-    def before_back(self, to_change: Vector, like: Vector) -> Vector:
+    def before_back(self, to_change: Coordinates, like: Coordinates) -> Coordinates:
         """The product D^T a with the transpose of `before`; `like` is any vector of coordinates."""
         (out,) = jax.linear_transpose(self.before, like)(to_change)
         return out
 
-    def led_back(self, to_change: Vector, like: Vector) -> Vector:
+    def led_back(self, to_change: Coordinates, like: Vector) -> Vector:
         """The product B^T D^T a with the transpose of `led`; `like` is any vector of velocities."""
         (out,) = jax.linear_transpose(self.led, like)(to_change)
         return out
 
-    def seen_back(self, to_small: Vector, like: Vector) -> Vector:
+    def seen_back(self, to_small: Vector, like: Coordinates) -> Coordinates:
         """The product N^T y with the transpose of `seen`; `like` is any vector of coordinates."""
         (out,) = jax.linear_transpose(self.seen, like)(to_small)
         return out
@@ -75,13 +75,13 @@ class Straight(Kinematics):
 
     g: Float[Array, "*lanes"]
 
-    def before(self, first: Vector) -> Vector:
+    def before(self, first: Coordinates) -> Coordinates:
         return self.g * first
 
-    def rates(self, z: Vector) -> Vector:
+    def rates(self, z: Vector) -> Coordinates:
         return z
 
-    def seen(self, change: Vector) -> Vector:
+    def seen(self, change: Coordinates) -> Vector:
         return change
 
     def eliminated(self, stiffness: Any) -> Any:
@@ -90,11 +90,11 @@ class Straight(Kinematics):
     def inverse(self, matrix: Any) -> Any:
         return inverse(matrix)
 
-    def before_back(self, to_change: Vector, like: Vector) -> Vector:
+    def before_back(self, to_change: Coordinates, like: Coordinates) -> Coordinates:
         return self.g * to_change
 
-    def led_back(self, to_change: Vector, like: Vector) -> Vector:
+    def led_back(self, to_change: Coordinates, like: Vector) -> Vector:
         return self.g * to_change
 
-    def seen_back(self, to_small: Vector, like: Vector) -> Vector:
+    def seen_back(self, to_small: Vector, like: Coordinates) -> Coordinates:
         return to_small

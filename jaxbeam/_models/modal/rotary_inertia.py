@@ -244,7 +244,7 @@ def _integrals(shapes: Shapes, weight: Any, beyond: Any) -> _Integrals:
     return _Integrals(weight @ slope, products, _winding(shapes, shapes.span.weight * beyond))
 
 
-def _winding(shapes: Shapes, weight: Any) -> Matrix:
+def _winding(shapes: Shapes, weight: Any) -> Float[Array | np.ndarray, "n n"]:
     """The matrix of int weight (e2 e3' - e3 e2') dx, symmetric, with slopes e2 and e3."""
     one_hot, f = one_hots(shapes.counts), shapes.at
     # The curvature of axial functions may be infinite at the clamp, and is not needed.

@@ -74,7 +74,7 @@ class Moving(Kinematics):
         lasting = g * lasting / (1 + jnp.sum(a * a, -1))[..., None, None]
         return cls(rod, rod.quaternions(q), w, g, state, turned, strained, lasting)
 
-    def before(self, first: Vector) -> Vector:
+    def before(self, first: Coordinates) -> Coordinates:
         root, turns, strain = self.rod.parts(first)
         half = jnp.concatenate([jnp.zeros_like(self.w[:, :1]), self.w[:, 3:] / 2], 1)
         spun = self._own[:, None] * (turns / self.g + quaternion_product(turns, half))
@@ -84,10 +84,10 @@ class Moving(Kinematics):
         strain = jnp.einsum("egab,egb->ega", self.lasting, strain + by_turns)
         return self.rod.joined(self.g * root, spun, strain)
 
-    def rates(self, z: Vector) -> Vector:
+    def rates(self, z: Vector) -> Coordinates:
         return self.rod.rates_in(self.state, self.p, self.rod.of_velocities(z))
 
-    def seen(self, change: Vector) -> Vector:
+    def seen(self, change: Coordinates) -> Vector:
         return self.rod.velocities_in(self.state, self.p, change)
 
     def eliminated(self, stiffness: Matrix) -> Matrix:
