@@ -60,6 +60,34 @@ def test_small_motion_is_that_of_modes():
         assert (off / fine).max() > 100
 
 
+@pytest.mark.slow
+def test_torsion_rung_by_a_step_of_moment():
+    """A small moment about its axis, at once, on a blade that turns: the phase of the first mode of
+    torsion along ten periods is that of its frequency of `modes`, to which the propeller moment of
+    unlike moments of inertia of its sections adds a seventh. Bending rings, too."""
+    stiffness, inertia = np.diag([1e6, 1e6, 1e6, 4, 5e3, 8e3]), np.diag([1, 1, 1, 0.01, 1e-3, 9e-3])
+    rotor, model, speed = uniform(stiffness, inertia, 1.0, 0.3).rotor, SpatialRod(2), 20.0
+    modes, motion = jb.modes(model, rotor, speed, 4), jb.ConstantSpeed(speed)
+    assert modes.labels[0] == jb.labels(torsion=1)[0]
+    omega = np.asarray(modes.frequency)
+    times = np.linspace(0, 20 * np.pi / omega[0], 161)
+    run = jb.simulate(
+        model, rotor, motion, times, start=jb.steady_start(model, rotor, motion),
+        loads=jb.Loads(tip_moment=[1e-3, 0, 0]),
+        stepsize_controller=diffrax.PIDController(rtol=1e-8, atol=1e-10),
+    )  # fmt: skip
+    found = np.asarray(run.torsion(1.0))[:, 0]
+
+    def missed(share):
+        phase = times[:, None] * omega * np.array([share, 1, 1, 1])
+        waves = np.concatenate([np.cos(phase), np.sin(phase), np.ones_like(times[:, None])], 1)
+        return waves @ np.linalg.lstsq(waves, found, rcond=None)[0] - found
+
+    left, slope = missed(1.0), (missed(1 + 1e-4) - missed(1 - 1e-4)) / 2e-4
+    assert np.abs(left).max() < 1e-4 * np.abs(found).max()
+    assert abs(slope @ left) < 2e-7 * slope @ slope  # the share by which another one fits better
+
+
 @pytest.mark.exhaustive
 def test_torsion_of_a_thin_blade_in_rotation():
     """Rung by a moment, sections that are thin in flap: the propeller moment adds the square of the
