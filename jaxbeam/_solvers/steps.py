@@ -108,7 +108,7 @@ class Linearised(NamedTuple):
             k, kinematics, kinematics.inverse(system.mass / g + c + kinematics.eliminated(k))
         )
 
-    def change(self, rates: Vector, force: Vector) -> Array:
+    def change(self, rates: Coordinates, force: Vector) -> Array:
         """The changes u and z, side by side, by rates of coordinates and a force."""
         kinematics = self.kinematics
         z = self.solve @ (force - self.k @ kinematics.seen(kinematics.before(rates)))

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxbeam._numerics.brackets import Bracket, Looks, change_between, first_change
+from jaxbeam._numerics.brackets import Bracket, Looks, first_change
 from jaxbeam._numerics.newton import find_root
 from jaxbeam._programs.batches import one_by_one
 from jaxbeam._stability.singular import AbstractPlace, border_of
@@ -27,8 +27,8 @@ from jaxbeam._types import Code, Matrix, Scalar, Vector
 # Imaginary part of 1 / mu, over its size, from which on two modes count as having met.
 _MEETS = 1e-5
 _CLOSE = 2.0**-31
-_ROUGH = 1e-11  # of two secants: many coordinates round h to some 1e-9 of the load
-_APART = 1e-5  # relative, on either side of a load that halving found, to where it lies for sure
+_SECANTS = 5  # of which the first begins so far below a load that bisection found, relatively
+_APART = 1e-5
 
 # A function of the case and the factor of loads that returns mass and stiffness.
 Matrices = Callable[[Any, Scalar], tuple[Matrix, Matrix]]
@@ -133,12 +133,16 @@ def first_lost(
 
 
 def polished(place: LostPlace, given: Any, value: Scalar) -> Scalar:
-    """The load to rounding, where h changes its sign; NaN where it does not near the value."""
+    """The load to rounding, by secants of h, which need no change of its sign: where two modes
+    buckle at once it has none."""
 
-    def h(load: Scalar) -> Scalar:
-        return place.bordered(given, load)
+    def body(_: int, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+        old, old_h, new = state
+        h = place.bordered(given, new)
+        change = jnp.where(h == old_h, 0.0, h * (new - old) / jnp.where(h == old_h, 1.0, h - old_h))
+        # A change larger than the last one is of rounding: there the search has ended.
+        return new, h, new - jnp.where(jnp.abs(change) < jnp.abs(new - old), change, 0.0)
 
-    low, high = value * (1 - _APART), value * (1 + _APART)
-    at_low, at_high = jax.lax.map(h, jnp.stack([low, high]))
-    exact = change_between(h, (low, high), (at_low, at_high), _ROUGH)
-    return jnp.where(at_low * at_high <= 0, exact, jnp.nan)
+    near = value * (1 - _APART)
+    start = near, place.bordered(given, near), value
+    return jax.lax.fori_loop(0, _SECANTS, body, start)[2]
