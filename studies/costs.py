@@ -244,11 +244,12 @@ def levels() -> Iterator[Row]:
         ("200 steps of 256 elements", steps(jb.PlanarRod(256)), jnp.asarray(4.0)),
         ("200 steps of a rod", steps(jb.SpatialRod(8)), jnp.asarray(4.0)),
     ):
+        lowered = jax.jit(function).lower(at)
         programs, compiling = [], []
         for level in (1, 3):
             begin = time.process_time()
-            jitted = jax.jit(function, compiler_options={"xla_backend_optimization_level": level})
-            programs.append(jitted.lower(at).compile())
+            how: dict[str, Any] = {"xla_backend_optimization_level": level}
+            programs.append(lowered.compile(how))
             compiling.append(time.process_time() - begin)
         turns = [[cpu_seconds(p, at, repeats=3)[0] for p in programs] for _ in range(4)]
         run = np.min(turns, 0)

@@ -113,6 +113,7 @@ def _searched(
 ) -> Bracket:  # fmt: skip
     """The end of a search from where it begins: see `first_change`."""
     one = jnp.ones_like(begin.value)
+    close = max(looks.close, 4 * float(jnp.finfo(one.dtype).eps))
 
     def step(bracket: Bracket) -> Bracket:
         number, kept, fails = look(bracket)
@@ -133,7 +134,7 @@ def _searched(
     def goes_on(bracket: Bracket) -> Array:
         more = jnp.where(
             bracket.found,
-            jnp.abs(bracket.value - bracket.last) > looks.close * jnp.abs(bracket.value),
+            jnp.abs(bracket.value - bracket.last) > close * jnp.abs(bracket.value),
             bracket.value <= looks.top * (1 + 1e-9),
         )
         return more & fine(bracket.kept) & bracket.ended(looks)

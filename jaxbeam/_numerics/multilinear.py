@@ -17,7 +17,7 @@ from jaxtyping import Array
 def multilinear(*sizes: int) -> Callable[[Callable[..., Any]], Callable[..., Array]]:
     """A decorator for a function of vectors of these sizes, linear in each: a formula for single
     vectors of NumPy, which is asked for its values at unit vectors. What it makes takes arrays with
-    any axes in front, as many in all, which broadcast."""
+    axes in front, as many in each, which broadcast; what is not finite spreads to all results."""
 
     def decorate(formula: Callable[..., Any]) -> Callable[..., Array]:
         units = itertools.product(*map(np.eye, sizes))

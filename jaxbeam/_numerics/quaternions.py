@@ -40,7 +40,7 @@ def rotation(q: Quaternion) -> Float[Array, "*k 3 3"]:
 
 
 def turned_by(q: Quaternion) -> Float[Array, "*k 3 3"]:
-    """The matrix of the rotation less the unit matrix, without cancellation for small turns."""
+    """The matrix of the rotation less the unit matrix, exact to rounding for small turns."""
     w, x = q[..., :1, None], q[..., 1:]
     square = jnp.sum(x * x, -1)[..., None, None]
     rotated = w * crossing(x) + x[..., :, None] * x[..., None, :]

@@ -36,11 +36,12 @@ class Program:
 
     A user's first calls, as many as `calls`, are of a program that is compiled quickly and runs
     slowly, later ones of one that is compiled well. `calls` is zero for functions that work on many
-    cases or for long. Within another program the function becomes a part of that. With
-    `jit=jax.jit`, for functions of arrays alone, its programs are freed with it; those of equinox
-    stay for ever. `identity` returns what tells the function from others in a
-    folder of programs (by default its name in this package), and `refused` is called with the error
-    for which a program is not kept.
+    cases or for long. Within another program the function becomes a part of that; within
+    transformations of JAX alone, such as `jax.grad`, it is compiled in the same way, as far as JAX
+    allows. With `jit=jax.jit`, for functions of arrays alone, transformations have it without
+    options, and its programs are freed with it; those of equinox stay for ever. `identity` returns
+    what tells the function from others in a folder of programs (by default its name in this
+    package), and `refused` is called with the error for which a program is not kept.
     """
 
     def __init__(
@@ -82,8 +83,10 @@ class Program:
     def for_call(self, *args: Any, **kwargs: Any) -> Any:
         """The program that a call with these arguments uses, which depends on whether it comes from
         within another program; the call is counted."""
-        if _is_within():
-            return self.part
+        return self.part if _is_within() else self._counted(args, kwargs)
+
+    def _counted(self, args: Any, kwargs: Any) -> "OuterProgram":
+        """The program for a call outside of all other programs, which is counted."""
         kind = _kind((args, kwargs))
         program = self._next(kind)
         if program is not self.well:
@@ -99,10 +102,7 @@ class Program:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         if (transformations := self._around()) is None:
             return self.for_call(*args, **kwargs)(*args, **kwargs)
-        kind = _kind((args, kwargs))
-        program = self.well if transformations.is_batch_of_values else self._next(kind)
-        if program is not self.well:
-            self._made[kind] = self._made.get(kind, 0) + 1
+        program = self.well if transformations.is_batched else self._counted(args, kwargs)
         return program.transformed(transformations, args, kwargs)
 
     def enough(self, *args: Any, **kwargs: Any) -> None:

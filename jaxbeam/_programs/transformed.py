@@ -16,10 +16,10 @@ _FORWARD, _BATCH, _LINEARIZE, _OUTSIDE = "JVPTrace", "BatchTrace", "LinearizeTra
 
 class Transformations(NamedTuple):
     """The transformations of JAX around a call: whether one is a linearization, as in `grad`, and
-    whether they are of values in a batch without one, as in `vmap` and `jacfwd`."""
+    whether one is of a batch, as in `vmap` and `jacfwd`."""
 
     is_linearized: bool
-    is_batch_of_values: bool
+    is_batched: bool
 
 
 def around() -> Transformations | None:
@@ -33,12 +33,12 @@ def around() -> Transformations | None:
             trace = getattr(trace, "parent_trace", None)
     if len(names) < 2 or names.pop() != _OUTSIDE or {*names} - {_FORWARD, _BATCH, _LINEARIZE}:
         return None
-    if _LINEARIZE not in names:
-        return Transformations(False, _BATCH in names)
-    first = names.index(_LINEARIZE)  # from the innermost transformation on
-    if _FORWARD in names[:first] or _LINEARIZE in names[first + 1 :]:
-        return None
-    return Transformations(True, False)
+    is_linearized = _LINEARIZE in names
+    if is_linearized:
+        first = names.index(_LINEARIZE)  # from the innermost transformation on
+        if _FORWARD in names[:first] or _LINEARIZE in names[first + 1 :]:
+            return None
+    return Transformations(is_linearized, _BATCH in names)
 
 
 def linear_program(function: Callable[..., Any], options: dict[str, Any]) -> Callable[..., Any]:

@@ -120,8 +120,9 @@ def _crossing(
     place = change_between(lambda speed: gap(fixed, speed, values[1]), ends, (values[0], values[1]))
     place = jnp.where(ok, place, sum(ends) / 2)
     # The search also ends at a jump, where a label changes branch: the gap says which it was.
-    miss = jnp.abs(gap(fixed, place, place * jnp.inf))
-    ok &= miss <= _JUMP * jnp.abs(harmonic * place)
+    miss, there = gap_and_status(fixed, place)
+    status = first_failure(status, jnp.where(ok, there, Status.OK))
+    ok &= jnp.abs(miss) <= _JUMP * jnp.abs(harmonic * place)
     # Where a case failed by another function, which has a slope.
     speed = root(lambda given, speed: gap(given, speed, speed), given, place)
     status = first_failure(status, first_broken((ok, Status.NO_CROSSING)))

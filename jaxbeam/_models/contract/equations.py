@@ -167,7 +167,7 @@ class Equations(eqx.Module):
     @abc.abstractmethod
     def viscous_force(self, q: Coordinates, v: Vector) -> Vector:
         """The force B^T D B q' of stresses that are stiffness times rates of strain, with B =
-        d strain/dq and D the stiffness. See `strained.py`."""
+        d strain/dq and D the stiffness. See `_models/ancf/strained.py`."""
 
     @abc.abstractmethod
     def strain_energy(self, q: Coordinates) -> Number:
@@ -256,13 +256,11 @@ class Equations(eqx.Module):
         return None
 
     def is_held(self, state: Rest) -> Array | None:
-        """Whether a state of rest is one that supports or loads hold in place; None where supports
-        are sure to."""
+        """Whether supports or loads hold a state of rest in place; None where that is sure."""
         return None
 
     def lacking_about(self, q: Coordinates) -> Matrix | None:
-        """The matrix by which the stiffness about q may be too small at most; None where that is
-        not known."""
+        """The matrix by which the stiffness about q may be too small at most, where known."""
         return None
 
     def high_share(self, q: Coordinates) -> tuple[Number, Number] | None:
