@@ -130,6 +130,10 @@ def test_transformations_outside_of_programs_compile_by_options():
         taken.append("_linear" in vars(fresh.well))
     assert "_linear" in vars(fresh.quick)
     assert taken == [False] * CALLS + [True]
+    many = Program(lambda x: x**2)
+    jax.vmap(jax.grad(many))(xs)  # a batch begins with the good program
+    assert "_linear" in vars(many.well)
+    assert "_linear" not in vars(many.quick)
 
 
 @pytest.mark.slow
