@@ -17,12 +17,13 @@ from jaxbeam._programs.transformed import Transformations, around, linear_progra
 # XLA's older emitters of CPU code compile programs like ours in half the time, and the programs are
 # as fast. The last releases of JAX for Python 3.11 still have them; later ones have no such option.
 _HASTE = {"xla_cpu_use_fusion_emitters": False}
-# The first level of LLVM's optimiser takes two thirds of the time of the third, JAX's default, for
-# programs that are as fast.
-_WELL = {"xla_backend_optimization_level": 1}
+# The first level of LLVM's optimiser takes three quarters of the time of the third, JAX's default,
+# for programs that are as fast; but for runs in time of many elements, or in batches, which take
+# up to a fifth longer.
+_LEVEL = "xla_backend_optimization_level"
 # Without LLVM's optimiser programs compile in a fifth to a half of the time, and take six to ten
 # times as long to run.
-QUICK = {"xla_backend_optimization_level": 0}
+QUICK = {_LEVEL: 0}
 # Calls with arguments of one kind that use the program compiled quickly. By then they have taken,
 # for programs of some milliseconds, about as long as to compile well, which is done next. Counted,
 # not timed, so that a script gives the same bits each time that it runs.
@@ -41,16 +42,17 @@ class Program:
     allows. With `jit=jax.jit`, for functions of arrays alone, transformations have it without
     options, and its programs are freed with it; those of equinox stay for ever. `identity` returns
     what tells the function from others in a folder of programs (by default its name in this
-    package), and `refused` is called with the error for which a program is not kept.
+    package), and `refused` is called with the error for which a program is not kept. `level` is
+    that of the optimiser for what is compiled well.
     """
 
     def __init__(
         self, function: Callable[..., Any], jit: Any = eqx.filter_jit, calls: int = CALLS,
         identity: Callable[[], Any] | None = None,
-        refused: Callable[[Exception], object] = lambda _: None,
+        refused: Callable[[Exception], object] = lambda _: None, level: int = 1,
     ) -> None:  # fmt: skip
         functools.update_wrapper(self, function)
-        self._jit, self._calls = jit, calls
+        self._jit, self._calls, self._level = jit, calls, level
         self._made: dict[Hashable, int] = {}  # quick calls made, for each kind of arguments
         self.part = part = jit(function)
 
@@ -65,7 +67,7 @@ class Program:
     @functools.cached_property
     def well(self) -> "OuterProgram":
         """The well compiled program, for calls outside of all other programs."""
-        how = _known(_HASTE) | _known(_WELL)
+        how = _known(_HASTE) | _known({_LEVEL: self._level})
         made = self._jit(self._whole, compiler_options=how) if how else self.part
         return OuterProgram(made, self.part, self._traces, how)
 

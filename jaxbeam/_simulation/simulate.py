@@ -1,6 +1,7 @@
 """Motions in time: a model on a moving hub, integrated with diffrax."""
 
 import dataclasses
+import functools
 from typing import Any, NamedTuple
 
 import diffrax
@@ -145,7 +146,7 @@ def simulate(
     return dataclasses.replace(finish(result, throw), model=model, rotor=rotor)
 
 
-@Program
+@functools.partial(Program, level=3)  # a run that is made again is long
 def _simulate(
     model: AbstractModel, rotor: AnyRotor, motion: Motion, times: Array, loads: Loads,
     damping: Damping, start: State | None, solver: diffrax.AbstractSolver,
