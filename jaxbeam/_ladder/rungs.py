@@ -57,10 +57,8 @@ def space_alone(question: Question, rotor: Rotor) -> str:
 
 
 def check_answerable(question: Question, rotor: Rotor) -> None:
-    """Raise `ValueError` where only rods in space can answer, but do not know the rotor.
-
-    That does not depend on numbers.
-    """
+    """Raise `ValueError` if question or rotor has what only `SpatialRod` can answer, which does not
+    support the rotor. That depends on what there is alone, so that numbers may be traced."""
     needed = question.space_alone or next(iter(missing(VonKarman, rotor)), "")
     if needed and (why := unsupported(SpatialRod, rotor)):
         raise ValueError(f"{needed}: of this SpatialRod alone is the judge. {why}")
@@ -100,14 +98,15 @@ def _at_nodes(places: tuple[float, ...], n_elements: int) -> bool:
 def rungs(rotor: Rotor, question: Question, models: Sequence[AbstractModel] = ()) -> list[Rung]:
     """All rungs for a question about a rotor, cheapest first, with the cost of a run to expect.
 
-    In bending alone without (`Classical`) and with (`Hybrid`) motion-induced stiffness, stretch
-    being left out (`RootStrain` has it quasi-statically); with stretch; von Karman; exact rods,
-    those in space if the beam has a `torsional_stiffness`. Nothing out of the plane where motion
-    and loads stay in it; and only models that bear what there is. `rotor` is a `Rotor`, `question`
+    They are beams in bending alone without (`Classical`) and with (`Hybrid`) motion-induced
+    stiffness, without stretch (`RootStrain` has it quasi-statically); those with stretch; von
+    Karman beams; and exact rods, in space if the beam has a `torsional_stiffness`. Models have no
+    flap and no torsion where motion and loads stay in the plane, and those that do not support
+    something of the rotor or the question are left out. `rotor` is a `Rotor`, `question`
     a `Question`, `models` are some of your own, which stand beside these; returns a list of `Rung`.
 
     Raises `ValueError` or `TypeError` for a malformed argument, and `ValueError` where no model
-    bears what there is.
+    supports all of it.
     """
     checked_question(question)
     rotor = checked_rotor(Rotor, rotor)

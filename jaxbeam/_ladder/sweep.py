@@ -296,8 +296,8 @@ def _chain(
     pool: Pool, sample: np.ndarray, models: list[AbstractModel], best: Answer, judge: np.ndarray,
     share: float, tolerance: float,
 ) -> _Chain:  # fmt: skip
-    """A chain judged by the errors of all rungs below judge[i] for representative i, against the
-    best answers."""
+    """The `_Chain` of models, with ratio, floor and start by the errors of rungs k < judge[i] for
+    representatives i of a sample, against the best answers; the caller fills in the rest."""
     ratio, floor = np.full(len(models), _RATIO), np.zeros(len(models))
     start = last = len(models) - 1
     for k in range(1, min(int(judge.max()), last) + 1):

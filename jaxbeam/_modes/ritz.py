@@ -21,7 +21,9 @@ class Ritz(NamedTuple):
     """Integrals of m bending functions, the same for all beams, and first guesses of k modes."""
 
     stiffness: np.ndarray  # (m, m, 4): bending, tension by tip mass, hub radius and beam's mass
-    inertia: np.ndarray  # (m, m, 5): beam, tip mass; by axial motion: beam, beam and tip, tip
+    # (m, m, 5): in bending that of the beam and of the tip mass; in the axial motion that follows
+    # the terms without, in and in the square of the tip mass
+    inertia: np.ndarray
     functions: np.ndarray  # (DEGREE, m): the functions as combinations of polynomials
     start: np.ndarray  # (m, k): modes of a typical beam as combinations of the functions
 
@@ -87,7 +89,7 @@ class Axial(NamedTuple):
     """Axial modes of a beam at rest by its tip mass, as series of Chebyshev polynomials of
     t = m_t / (rho L + m_t)."""
 
-    square: np.ndarray  # (p, k): series of mu = omega^2, the first times 1 + m_t / (rho L)
+    square: np.ndarray  # (p, k): series of mu = omega^2, that of mode 1 times 1 + m_t / (rho L)
     modes: np.ndarray  # (p, DEGREE, k): series of modes as combinations of polynomials
 
     def guess(

@@ -17,9 +17,9 @@ from jaxbeam._programs.transformed import Transformations, around, linear_progra
 # XLA's older emitters of CPU code compile programs like ours in half the time, and the programs are
 # as fast. The last releases of JAX for Python 3.11 still have them; later ones have no such option.
 _HASTE = {"xla_cpu_use_fusion_emitters": False}
-# The first level of LLVM's optimiser takes three quarters of the time of the third, JAX's default,
-# for programs that are as fast; but for runs in time of many elements, or in batches, which take
-# up to a fifth longer.
+# At the first level of LLVM's optimiser programs compile in three quarters of the time of the
+# third, JAX's default, and run as fast; but runs in time of many elements, or in batches, take up
+# to a fifth longer to run.
 _LEVEL = "xla_backend_optimization_level"
 # Without LLVM's optimiser programs compile in a fifth to a half of the time, and take six to ten
 # times as long to run.

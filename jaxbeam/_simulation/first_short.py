@@ -30,9 +30,9 @@ def quick_first(
 
 
 def first_short(program: Program, max_steps: int | None, *given: Any) -> Simulation:
-    """The result of a run by a program of arguments `given` and a number of steps: by the quickly
-    compiled program first, unless the run is longer than that is worth, or calls back to the user,
-    who would see it run twice."""
+    """The result of program(*given, max_steps). The quickly compiled program tries first, with at
+    most `STEPS` steps; a run that needs more is made again by the well compiled one. Solvers of
+    others, and runs that call back to the user, who would see it twice, take that at once."""
     solver, _, _, saveat, _, event, meter = given[7:14]
     result: Simulation
     if not isinstance(solver, SecondOrderSolver) or not (saveat is event is meter is None):

@@ -53,7 +53,8 @@ class MagnusInterpolation(Interpolation):
         return self.state(s, self.offset(s))
 
     def offset(self, s: Scalar) -> Float[Array, " m"]:
-        """The vector z at the share s of the step."""
+        """The vector z = (q - p, (q' - p') / scale, 1, work / unit) at the share s of the step, p
+        being the moving place."""
         mean, tilt, commutator = self.exponent
         return exponential(s * (mean + (s - 1) / 2 * tilt + s**2 * commutator)) @ self.start
 

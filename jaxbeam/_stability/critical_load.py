@@ -59,7 +59,8 @@ _LEAST, _LARGEST, _SCANNED = 1 / 60, 20.0, 48
 _RATIO = (_LARGEST / _LEAST) ** (1 / (_SCANNED - 1))
 # Factors by which a search goes beyond the expected load, and beyond its range at most.
 _FURTHER, _MOST = 2.0, 1e3
-_MOST_YIELDING = 1e6  # largest softness, over that with a clamped root, for which a search goes on
+# Largest ratio of the tip's softness to that with a clamped root by which a range is extended.
+_MOST_YIELDING = 1e6
 _NEAR = 1e-6  # relative distance of what bisection finds from the exact root
 
 
@@ -196,8 +197,8 @@ def _loaded(model: AbstractModel, given: _Given, factor: Scalar) -> tuple[Matrix
 
 
 class _Unloaded(NamedTuple):
-    """The beam without its loads, and the loads that are searched: from the `first` on, so many
-    `looks`, up to the `last`."""
+    """The stiffness `k` without loads, and the factors of loads that are searched: so many `looks`
+    in geometric progression, from the `first` to the `last`."""
 
     k: Matrix
     first: Scalar

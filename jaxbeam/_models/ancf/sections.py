@@ -149,7 +149,7 @@ class Sections(eqx.Module):
         element."""
         if self.parts is None:
             return each_element(lambda *local: function(self.law, self.mass, *local), local)
-        # Attached here, since lanes are behind the axes of the law's numbers only.
+        # The quadrature of parts joins the law here alone, since it has no axes of lanes.
         rule_of_parts = rules(self.parts)
         law: Any = self.law
         if rule_of_parts is not None:

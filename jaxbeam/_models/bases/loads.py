@@ -38,7 +38,7 @@ from jaxbeam._rotor.span import Span, on, outboard, polynomials, shortened
 from jaxbeam._rotor.spanwise import Property
 
 FunctionCounts = tuple[int, int, int]  # numbers of axial, in-plane and flap functions
-_FALLS = 6.0  # weights of loads fall with this power of the number of their polynomial
+_FALLS = 6.0  # the load of polynomial k = 0, 1, ... has the weight (1 + k)^-6: smooth loads first
 _MORE = 5  # points of a segment beyond those for polynomials
 
 

@@ -143,8 +143,8 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
         return self
 
     def at_speed(self, rotor: TheRotor, speed: Any) -> Self:
-        """The model with functions that follow a rotor at this speed (rad/s), the largest of
-        several, where numbers are known and how many functions there are is not its user's own."""
+        """The model with functions chosen for this speed (rad/s), the largest of several, if speed
+        and rotor are not traced and the user has set no number of functions; else unchanged."""
         return self
 
     def judged(self, rotor: TheRotor) -> bool:
@@ -176,8 +176,9 @@ class AbstractModel(eqx.Module, Generic[TheRotor]):
     def forms(
         self, rotor: TheRotor, speed: Scalar, shape: Array, mixes: Any
     ) -> tuple[Array, Array, Array]:
-        """x^T M x, x^T G x and x^T K x of shapes, by which eigenvalues have derivatives for less
-        than by matrices: where `mixes` are known."""
+        """The forms x^T M x, x^T G x and x^T K x of shapes x, the rows of `shape`. Derivatives of
+        eigenvalues by these cost less than by matrices. Asked for only where `mixes` is not None.
+        """
         raise NotImplementedError
 
     def bands(self) -> BandTables | NodeByNode | None:

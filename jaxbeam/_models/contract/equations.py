@@ -238,7 +238,7 @@ class Equations(eqx.Module):
         return root[None] + jnp.asarray(xi)[:, None] * (tip - root)[None]
 
     def rates(self, q: Coordinates, change: Vector) -> Vector:
-        """The rates of coordinates in a small motion about q as of `matrices_about`."""
+        """The rates of coordinates q by those of the n unknowns of `matrices_about`."""
         return change
 
     def own_section_loads(

@@ -34,7 +34,7 @@ def uncoupled(part: SystemPart, free: int, bent: bool) -> Float[Array, "n n"]:
     places = {f: slice(*each) for f, each in zip(part.directions, ends, strict=True)}
     axial = places.get(Direction.AXIAL)
     every = np.arange(len(m))
-    alike: dict[int, list[Any]] = {}  # those of one size are one program
+    alike: dict[int, list[Any]] = {}  # eigenproblems by size, each of which is compiled once
     for direction, own in places.items():
         unit = jnp.eye(len(m), dtype=m.dtype)[:, own]
         follows = every[:0]

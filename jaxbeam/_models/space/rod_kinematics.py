@@ -58,7 +58,8 @@ class Moving(Kinematics):
         turning = shapes @ jnp.einsum("ekqt,ekt->ekq", state.leads, spun)
         turning = jnp.einsum("egqa,ega->egq", state.seen, turning)
         omega, across = 2 * turning[..., 1:], crossing(state.stretch)
-        # Of t at a node, d(L W) = L t (0, W) / 2.
+        # A small turn t of a node changes its quaternion by L t, and so the rate L W = p (0, W) / 2
+        # of that by L t (0, W) / 2.
         half = jnp.concatenate([jnp.zeros_like(spun[..., :1]), spun / 2], -1)
         later = quaternion_product(state.leads.swapaxes(-1, -2), half[:, :, None]).swapaxes(-1, -2)
         later = jnp.einsum("egqa,ekat->egqkt", state.seen[:, :, 1:], later)
