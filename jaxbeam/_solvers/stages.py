@@ -168,7 +168,7 @@ def _backwards(
 
     def rates(
         system: Any, own_x: Any, q: Coordinates, v: Vector, other_x: Any
-    ) -> tuple[Vector, Vector]:
+    ) -> tuple[Coordinates, Vector]:
         whole: SecondOrderSystem = eqx.combine(system, still[0])
         return whole.kinematics(q, v), whole.force(eqx.combine(own_x, other_x), q, v)
 
@@ -223,12 +223,12 @@ def _back_along(own: Any, still: Any, y0: State, shared: Any, done: Any) -> Any:
     y, e, u = done
     n = len(y0.q)
 
-    def work(system: Any, start: Any, q: Coordinates, v: Vector, y: Vector, e: Vector) -> Scalar:
+    def work(system: Any, start: Any, q: Coordinates, v: Vector, y: Any, e: Any) -> Scalar:
         whole: SecondOrderSystem = eqx.combine(system, still[0])
         x0, _ = eqx.combine(start, still[3])
         return y @ whole.force(x0, q, v) + e @ whole.kinematics(q, v)
 
-    def along(y: Vector, e: Vector, u: Vector) -> Any:
+    def along(y: Any, e: Any, u: Any) -> Any:
         def by(q: Coordinates, v: Vector) -> Any:
             return jax.grad(work, (0, 1, 2, 3))(own[0], own[3], q, v, y, e)
 
