@@ -86,12 +86,10 @@ def first_change(
 
 
 def change_between(
-    function: Callable[[Scalar], Scalar], ends: tuple[Scalar, Scalar],
-    values: tuple[Scalar, Scalar], close: float = 1e-14,
-) -> Scalar:  # fmt: skip
+    function: Callable[[Scalar], Scalar], ends: tuple[Scalar, Scalar], values: tuple[Scalar, Scalar]
+) -> Scalar:
     """The place between two `ends`, at which a function has these `values`, where its sign changes,
-    by secants until two are `close`, relatively; without meaning where it has the same sign at
-    both."""
+    to rounding; without meaning where it has the same sign at both."""
     side = jnp.where(values[0] < values[1], -1.0, 1.0)
     least = jnp.finfo(side.dtype).tiny ** 0.5  # above zero, where the first end is the place
     a = jnp.stack([ends[0], jnp.maximum(side * values[0], least)])
@@ -103,7 +101,7 @@ def change_between(
         return side * function(here.value), none, jnp.asarray(False)
 
     # The top is below all, so that nothing is looked at beyond the ends.
-    looks = Looks(ends[0], 1.0, jnp.full_like(side, -jnp.inf), 0, close)
+    looks = Looks(ends[0], 1.0, jnp.full_like(side, -jnp.inf), 0)
     return _searched(look, looks, lambda _: jnp.asarray(True), begin).value
 
 
